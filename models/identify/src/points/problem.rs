@@ -36,8 +36,8 @@ pub(super) struct Problem<'a> {
     measured_m: Vec<Vector3<f64>>,
     /// Basis functions at each reading.
     locals: Vec<Locals>,
-    /// 1/u² of each point (1/m²).
-    information: Vec<f64>,
+    /// 1/u² of each component of each point, repeatability of the axes included (1/m²).
+    information: Vec<Vector3<f64>>,
     /// Turn and centroids of the alignment of each pose.
     pub(super) alignments: Vec<RigidAlignment>,
     plates: Plates,
@@ -70,8 +70,9 @@ impl<'a> Problem<'a> {
         };
         let alignments = (0..plates.poses()).map(aligned).collect::<Result<Vec<_>, _>>()?;
         let measured_m = actual_m.iter().enumerate().map(|(k, p)| alignments[plates.pose(k)].apply(p)).collect();
-        let repeatability = machine.repeatability_m.map(|r| r * r).iter().sum::<f64>() / 3.0;
-        let information = points.iter().map(|p| 1.0 / (p.u_m * p.u_m + repeatability)).collect();
+        // Measuring frames are turned into the machine's, so that a component is that of an axis.
+        let of = |u_m: f64| Vector3::from(machine.repeatability_m).map(|r| 1.0 / (u_m * u_m + r * r));
+        let information = points.iter().map(|p| of(p.u_m)).collect();
         let locals = points.iter().map(|p| layout.locals(p.reading_m)).collect();
         let (plates, held) = (plates.clone(), Vec::new());
         let problem = Problem { machine, layout, points, measured_m, locals, information, alignments, plates, held };
@@ -116,7 +117,7 @@ impl<'a> Problem<'a> {
     /// The same with every point's information multiplied by its weight.
     pub(super) fn with_weights(&self, weights: &[f64]) -> Problem<'a> {
         let mut problem = self.clone();
-        problem.information.iter_mut().zip(weights).for_each(|(information, weight)| *information *= weight);
+        problem.information.iter_mut().zip(weights).for_each(|(information, weight)| *information *= *weight);
         problem
     }
 
@@ -141,7 +142,7 @@ impl<'a> Problem<'a> {
         let square = |k: usize| {
             let frame = &frames[self.plates.pose(k)];
             let residual_m = self.seen(self.measured_m[k] - frame.apply(&self.position_m(k, unknowns)));
-            residual_m.norm_squared() * self.information[k]
+            residual_m.dot(&residual_m.component_mul(&self.information[k]))
         };
         (0..self.points.len()).map(square).collect()
     }
@@ -190,10 +191,10 @@ impl<'a> Problem<'a> {
         let mut rows = vec![Vector3::zeros(); size];
         for k in (0..self.points.len()).filter(|k| weights[*k] > 0.0) {
             let residual_m = self.rows(k, unknowns, &mut rows);
-            let information = weights[k] * self.information[k];
-            normal.weighted_square += information * residual_m.norm_squared();
+            let information = self.information[k] * weights[k];
+            normal.weighted_square += residual_m.dot(&residual_m.component_mul(&information));
             for i in 0..size {
-                let scaled = rows[i] * information;
+                let scaled = rows[i].component_mul(&information);
                 normal.gradient[i] += scaled.dot(&residual_m);
                 let line = &mut normal.matrix[i * size + i..(i + 1) * size];
                 line.iter_mut().zip(&rows[i..]).for_each(|(entry, other)| *entry += scaled.dot(other));
@@ -225,7 +226,8 @@ impl<'a> Problem<'a> {
                 let Some((departure, shape)) = between_nodes.at(id, point.reading_m[id.axis().index()]) else {
                     continue;
                 };
-                let partial = turn * at.chain.by_error[id.index()] * (shape * weights[k] * self.information[k]);
+                let partial =
+                    (turn * at.chain.by_error[id.index()]).component_mul(&self.information[k]) * (shape * weights[k]);
                 rows.iter().enumerate().for_each(|(i, row)| chords.add(i, departure, row.dot(&partial)));
             }
         }
@@ -327,5 +329,34 @@ mod tests {
             }
         }
         assert!(touched > unknowns.len());
+    }
+
+    /// Noise along an axis that repeats badly weighs as that axis does, in every sum.
+    #[test]
+    fn regress_each_axis_weighs_as_it_repeats() {
+        let machine = Machine { repeatability_m: [0.4e-6, 0.0, 0.0], ..machine() };
+        let layout = Layout::new(&machine, [0.0; 3]).unwrap();
+        let points = cube();
+        let problem = Problem::new(&machine, &layout, &points).unwrap();
+        let unknowns: Vec<f64> = (0..problem.unknowns()).map(|k| 1e-6 * (1.3 * k as f64 + 0.4).sin()).collect();
+        // u is 0.3 µm: 0.5 µm along X by Pythagoras.
+        let weigh = |r: Vector3<f64>| r.x * r.x / 0.25e-12 + (r.y * r.y + r.z * r.z) / 0.09e-12;
+        let expected: Vec<f64> = (0..points.len()).map(|k| weigh(problem.residual_m(k, &unknowns))).collect();
+        let squares = problem.squares(&unknowns);
+        assert!(squares.iter().zip(&expected).all(|(a, b)| (a / b - 1.0).abs() < 1e-9));
+        let weights = vec![1.0; points.len()];
+        let normal = problem.normal_of_points(&unknowns, &weights);
+        assert!((normal.weighted_square / expected.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        // The gradient is half the slope of the squares, downwards.
+        for j in (0..unknowns.len()).step_by(7) {
+            let at = |by: f64| {
+                let mut changed = unknowns.clone();
+                changed[j] += by;
+                problem.squares(&changed).iter().sum::<f64>()
+            };
+            let slope = -(at(1e-8) - at(-1e-8)) / 4e-8;
+            let scale = normal.matrix[j * normal.size + j].sqrt() * expected.iter().sum::<f64>().sqrt();
+            assert!((normal.gradient[j] - slope).abs() < 1e-6 * scale, "{j}: {} {slope}", normal.gradient[j]);
+        }
     }
 }
