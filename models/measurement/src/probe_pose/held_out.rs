@@ -3,7 +3,7 @@
 //! Place in the flow: judges a calibration. A pose left out says what a pose without an entry would suffer; a centre left out
 //! whose pose keeps an entry says what the table is worth when the same pose is measured again. Metres, machine frame.
 
-use super::same::poses;
+use super::same::{angles_rad, poses};
 use super::{Compensation, CompensationTable, ProbePose, ProbePoseError, ProbePoseModel, SphereCentre};
 use nalgebra::Vector3;
 
@@ -40,7 +40,7 @@ pub fn leave_one_pose_out(centres: &[SphereCentre], model: ProbePoseModel) -> Re
     ProbePose::fit(centres, model)?;
     let left_out = |group: &Vec<usize>| {
         let others: Vec<SphereCentre> = without(centres, group);
-        let (a_rad, c_rad) = (centres[group[0]].a_rad, centres[group[0]].c_rad);
+        let [a_rad, c_rad] = angles_rad(centres, group);
         let Ok(pose) = ProbePose::fit(&others, model) else {
             return LeftOutPose { a_rad, c_rad, error_m: None, compensation: None, compensated_m: None };
         };

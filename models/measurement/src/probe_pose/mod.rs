@@ -19,7 +19,7 @@ mod undetermined;
 pub use design::{centre_rows, head_in_machine};
 pub use error::ProbePoseError;
 pub use held_out::{LeftOutCentre, LeftOutPose, leave_one_centre_out, leave_one_pose_out};
-pub use same::poses;
+pub use same::{near_poses, poses};
 pub use table::{Compensation, CompensationTable, TableEntry};
 pub use undetermined::Undetermined;
 

@@ -6,7 +6,7 @@
 //! (components of variance, as for a split plot: Montgomery, Design and Analysis of Experiments, chapter 14).
 
 use super::design::{c_in_machine, centre_rows, head_in_machine};
-use super::same::poses;
+use super::same::{at_mean_angles, poses};
 use super::{BeamLength, ProbePose, ProbePoseError, ProbePoseModel, Scatter, SphereCentre, Undetermined};
 use crate::claim::Claim;
 use crate::least_squares::{self, Solution};
@@ -101,7 +101,8 @@ fn outcome(
     let weight = weights(centres);
     let whitened = right - matrix * &unknowns;
     let free = matrix * tangent;
-    let rows = Rows { centres, matrix: &free, residuals: &whitened };
+    let of_poses = self::rows(&at_mean_angles(centres), model).0 * tangent;
+    let rows = Rows { centres, matrix: &free, of_poses: &of_poses, residuals: &whitened };
     // Rank was shown before: the same design, or one with a column less.
     let (cofactor, condition) = least_squares::solve(&free, right)
         .map_or_else(|_| (None, f64::INFINITY), |found| (Some(found.cofactor), found.condition));
@@ -152,6 +153,8 @@ struct Components {
 struct Rows<'a> {
     centres: &'a [SphereCentre],
     matrix: &'a DMatrix<f64>,
+    /// The same at the mean angles of the poses: what differs within a pose by how nearly its angles were met tells nothing.
+    of_poses: &'a DMatrix<f64>,
     residuals: &'a DVector<f64>,
 }
 
@@ -185,7 +188,7 @@ impl Rows<'_> {
         let residuals = DMatrix::from_column_slice(self.residuals.len(), 1, self.residuals.as_slice());
         let square_within = self.within_poses(&residuals).norm_squared();
         let square = residuals.norm_squared();
-        let degrees_within = repeats.saturating_sub(rank(&self.within_poses(self.matrix), self.matrix));
+        let degrees_within = repeats.saturating_sub(rank(&self.within_poses(self.of_poses), self.of_poses));
         let degrees_between = self.degrees().saturating_sub(degrees_within);
         let within = (degrees_within > 0).then(|| square_within / degrees_within as f64);
         let mean_size = self.centres.len() as f64 / count.max(1) as f64;

@@ -6,20 +6,22 @@
 //! inverse squared angle of turn (Shepard 1968), and says so; outside the poses it gives nothing.
 
 use super::design::head_in_machine;
-use super::same::{SAME_RAD, poses};
+use super::same::{SAME_RAD, angles_rad, poses};
 use super::{ProbePose, SphereCentre};
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::{PI, TAU};
 
+/// Turn between two poses (rad) below which they are one orientation of the head.
+const ONE_ORIENTATION_RAD: f64 = 1e-6;
 /// Rounding of directions of a point that lies on the edge between two poses (rad).
 const ON_THE_EDGE_RAD: f64 = 1e-9;
 
 /// One pose of the table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TableEntry {
-    /// Indicated A (rad).
+    /// Indicated A, mean over its centres (rad).
     pub a_rad: f64,
-    /// Indicated C (rad).
+    /// Indicated C, mean over its centres (rad).
     pub c_rad: f64,
     /// δ (m, machine frame): to be added.
     pub delta_m: Vector3<f64>,
@@ -70,22 +72,17 @@ impl CompensationTable {
             let own: Vec<Vector3<f64>> = group.iter().map(|i| pose.centre_m - pose.seen_m(&centres[*i])).collect();
             let delta_m = own.iter().sum::<Vector3<f64>>() / own.len() as f64;
             let spread = own.iter().map(|delta| (delta - delta_m).norm()).fold(0.0, f64::max);
-            let first = &centres[group[0]];
-            TableEntry {
-                a_rad: first.a_rad,
-                c_rad: first.c_rad,
-                delta_m,
-                centres: own.len(),
-                spread_m: (own.len() > 1).then_some(spread),
-            }
+            let [a_rad, c_rad] = angles_rad(centres, group);
+            TableEntry { a_rad, c_rad, delta_m, centres: own.len(), spread_m: (own.len() > 1).then_some(spread) }
         };
         CompensationTable { entries: poses(centres).iter().map(entry).collect() }
     }
 
     /// δ at indicated angles (rad).
     pub fn at(&self, a_rad: f64, c_rad: f64) -> Compensation {
-        let same = |e: &&TableEntry| (e.a_rad - a_rad).abs() < SAME_RAD && (e.c_rad - c_rad).abs() < SAME_RAD;
-        if let Some(entry) = self.entries.iter().find(same) {
+        let off = |e: &TableEntry| (e.a_rad - a_rad).abs().max((e.c_rad - c_rad).abs());
+        let nearest = self.entries.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        if let Some(entry) = nearest.filter(|entry| off(entry) < SAME_RAD) {
             return Compensation::Tabulated { delta_m: entry.delta_m };
         }
         let corners: Vec<[f64; 2]> = self.entries.iter().map(|e| [e.a_rad, e.c_rad]).collect();
@@ -97,7 +94,7 @@ impl CompensationTable {
         for entry in &self.entries {
             let turn = Rotation3::from_matrix_unchecked(head.transpose() * head_in_machine(entry.a_rad, entry.c_rad));
             // Two sets of angles can be one orientation of the head (A = 0 at C and C + 360°).
-            let weight = turn.angle().max(SAME_RAD).powi(-2);
+            let weight = turn.angle().max(ONE_ORIENTATION_RAD).powi(-2);
             sum += entry.delta_m * weight;
             total += weight;
         }

@@ -4,13 +4,15 @@
 
 use super::SphereCentre;
 use super::design::head_in_machine;
-use super::same::{SAME_RAD, poses};
+use super::same::poses;
 use nalgebra::{DVector, Vector3};
 use std::fmt;
 use thiserror::Error;
 
 /// Distances closer than this are one distance (m).
 const SAME_M: f64 = 1e-9;
+/// Sine of the angle between turns (rad) below which they are about one axis.
+const ONE_AXIS: f64 = 1e-3;
 /// Share of a free combination from which an unknown takes part in it.
 const TAKES_PART: f64 = 1e-6;
 
@@ -100,5 +102,5 @@ fn one_axis(centres: &[SphereCentre], groups: &[Vec<usize>]) -> bool {
         nalgebra::Rotation3::from_matrix(&(first.transpose() * head(group))).axis().map(|axis| axis.into_inner())
     };
     let axes: Vec<Vector3<f64>> = groups[1..].iter().filter_map(axis).collect();
-    axes.windows(2).all(|pair| pair[0].cross(&pair[1]).norm() < SAME_RAD.sqrt())
+    axes.windows(2).all(|pair| pair[0].cross(&pair[1]).norm() < ONE_AXIS)
 }

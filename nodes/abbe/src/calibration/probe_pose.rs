@@ -11,7 +11,7 @@ use abbe_geometry::Vector3;
 use abbe_identify::verdict::Verdict;
 use abbe_measurement::probe_pose::{
     Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
-    leave_one_centre_out, leave_one_pose_out,
+    leave_one_centre_out, leave_one_pose_out, near_poses,
 };
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
@@ -78,6 +78,7 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
     let table = CompensationTable::new(&pose, &file.rows);
     let again = leave_one_centre_out(&file.rows, model).with_context(name)?;
     let poses = leave_one_pose_out(&file.rows, model).ok();
+    tell_near(&name(), &file.rows);
     let judged = Judged { centres: file.rows, pose, table, poses, again };
     let mut json = judged.json(&file.sha256);
     let verdict = verdict::of_fit(judged.within(), None);
@@ -91,6 +92,23 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
         files: vec![(TABLE, judged.csv()), (FIGURES, text)],
         json,
     })
+}
+
+/// Says on standard error which poses nearly coincide: taken as one or as two, their scatter says different things.
+fn tell_near(name: &str, centres: &[SphereCentre]) {
+    let near = near_poses(centres);
+    let Some([first, second]) = near.first() else { return };
+    let place = |k: usize| {
+        let [a, c] = [centres[k].a_rad, centres[k].c_rad].map(|angle| digits::plain(angle.to_degrees(), 4));
+        format!("centre {} (A {a}, C {c})", k + 1)
+    };
+    eprintln!(
+        "abbe: warning: {name}: {} pairs of poses are less than 0.1 degrees apart and count as different ones, first {} and {}; where one pose \
+         was meant, its angles were not met to 0.01 degrees, and U of repeated centres is too small",
+        near.len(),
+        place(*first),
+        place(*second)
+    );
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -241,6 +259,7 @@ impl Judged {
             "beam_length": self.pose.direction.norm(),
             "condition": self.pose.condition,
             "degrees_of_freedom": self.pose.degrees_of_freedom,
+            "poses_that_nearly_coincide": near_poses(&self.centres).len(),
             "scatter_within_um": self.pose.scatter.within_m.map(|s| s * 1e6),
             "scatter_between_um": self.pose.scatter.between_m.map(|s| s * 1e6),
             "chi2_per_dof": self.pose.scatter.chi2_per_dof,
