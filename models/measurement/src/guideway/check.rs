@@ -1,11 +1,14 @@
 //! Points by position, and what of them can be used.
 //!
-//! Place in the flow: before everything else in [`super::Guideway::new`]. All criteria are ratios, so no unit enters.
+//! Place in the flow: before everything else in [`super::Guideway::new`]. All criteria but that of one position are ratios, so that no
+//! unit enters.
 
 use super::{GuidewayError, TargetPoint};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
+/// Indicated positions this close are one (m): displays round, and an axis stands still only nearly while its targets are read.
+const ONE_POSITION_M: f64 = 1e-6;
 /// Extent of the targets across their line, relative to that along it, below which they count as on a line: the rotation
 /// about it would be a thousand times less certain than the others.
 const ON_A_LINE: f64 = 1e-3;
@@ -19,6 +22,8 @@ const NOT_RIGID: f64 = 1e-2;
 pub(super) struct Seen {
     /// Its place among the points, from 0.
     pub(super) place: usize,
+    /// Its own indicated position less that of its run (m).
+    pub(super) beyond_m: f64,
     pub(super) point_m: Vector3<f64>,
     pub(super) covariance_m2: Option<Matrix3<f64>>,
 }
@@ -37,8 +42,6 @@ impl Run<'_> {
 
 /// Runs by ascending position; the first holds the reference of all others.
 pub(super) fn by_position(points: &[TargetPoint]) -> Result<Vec<Run<'_>>, GuidewayError> {
-    let mut runs: Vec<Run> = Vec::new();
-    let mut rows: BTreeMap<(u64, &str), usize> = BTreeMap::new();
     for (k, point) in points.iter().enumerate() {
         if !(point.position_m.is_finite() && point.point_m.iter().all(|v| v.is_finite())) {
             return Err(GuidewayError::NotFinite(k + 1));
@@ -46,21 +49,8 @@ pub(super) fn by_position(points: &[TargetPoint]) -> Result<Vec<Run<'_>>, Guidew
         if point.covariance_m2.is_some_and(|c| c.iter().any(|v| !v.is_finite()) || c.cholesky().is_none()) {
             return Err(GuidewayError::Covariance(k + 1));
         }
-        // −0 and 0 are one position.
-        let position_m = point.position_m + 0.0;
-        if let Some(first) = rows.insert((position_m.to_bits(), &point.target), k) {
-            let (target, position_mm) = (point.target.clone(), position_m * 1e3);
-            return Err(GuidewayError::Twice { target, position_mm, first: first + 1, second: k + 1 });
-        }
-        let seen = Seen { place: k, point_m: point.point_m, covariance_m2: point.covariance_m2 };
-        match runs.iter_mut().find(|run| run.position_m == position_m) {
-            Some(run) => {
-                run.targets.insert(&point.target, seen);
-            }
-            None => runs.push(Run { position_m, targets: BTreeMap::from([(point.target.as_str(), seen)]) }),
-        }
     }
-    runs.sort_by(|a, b| a.position_m.total_cmp(&b.position_m));
+    let runs: Vec<Run> = at_one_position(points).iter().map(|places| run(points, places)).collect::<Result<_, _>>()?;
     if runs.len() < 2 {
         return Err(GuidewayError::OnePosition(runs.len()));
     }
@@ -68,6 +58,39 @@ pub(super) fn by_position(points: &[TargetPoint]) -> Result<Vec<Run<'_>>, Guidew
         layout(&runs[0], run)?;
     }
     Ok(runs)
+}
+
+/// Places of the points of each position, ascending.
+fn at_one_position(points: &[TargetPoint]) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|a, b| points[*a].position_m.total_cmp(&points[*b].position_m).then(a.cmp(b)));
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for k in order {
+        let is_of = |group: &&mut Vec<usize>| points[k].position_m - points[group[0]].position_m <= ONE_POSITION_M;
+        match groups.last_mut().filter(is_of) {
+            Some(group) => group.push(k),
+            None => groups.push(vec![k]),
+        }
+    }
+    groups.iter_mut().for_each(|group| group.sort_unstable());
+    groups
+}
+
+fn run<'a>(points: &'a [TargetPoint], places: &[usize]) -> Result<Run<'a>, GuidewayError> {
+    let first_m = points[places[0]].position_m;
+    // About the first, so that equal positions stay as they are to the last digit; −0 and 0 are one.
+    let beyond = places.iter().map(|k| points[*k].position_m - first_m).sum::<f64>() / places.len() as f64;
+    let position_m = first_m + beyond + 0.0;
+    let mut targets: BTreeMap<&str, Seen> = BTreeMap::new();
+    for k in places {
+        let TargetPoint { position_m: own_m, target, point_m, covariance_m2 } = &points[*k];
+        let seen = Seen { place: *k, beyond_m: own_m - position_m, point_m: *point_m, covariance_m2: *covariance_m2 };
+        if let Some(earlier) = targets.insert(target, seen) {
+            let (target, position_mm) = (target.clone(), position_m * 1e3);
+            return Err(GuidewayError::Twice { target, position_mm, first: earlier.place + 1, second: k + 1 });
+        }
+    }
+    Ok(Run { position_m, targets })
 }
 
 /// Targets of a run that the lowest position has too.

@@ -14,7 +14,10 @@ pub enum GuidewayError {
     #[error("point {0} has a covariance that is not positive definite; correct it")]
     Covariance(usize),
     /// A target twice at one position.
-    #[error("target {target:?} stands twice at position {position_mm} mm, in points {first} and {second}; remove one")]
+    #[error(
+        "target {target:?} stands twice at position {position_mm} mm, in points {first} and {second}; remove one (positions up to \
+         1 um apart are one)"
+    )]
     Twice {
         /// Target.
         target: String,
@@ -31,7 +34,8 @@ pub enum GuidewayError {
     /// Three targets fix a body.
     #[error(
         "position {position_mm} mm has {count} targets in common with the lowest position; at least 3 that are not on a line are \
-         needed"
+         needed. Positions up to 1 um apart are one: where its targets were read at positions further apart, give them the position that \
+         they were read at together"
     )]
     TooFew {
         /// Position (mm).

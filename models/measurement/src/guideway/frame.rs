@@ -37,7 +37,7 @@ fn slope(runs: &[Run]) -> Vector3<f64> {
     let mut tracks: BTreeMap<&str, Vec<(f64, Vector3<f64>)>> = BTreeMap::new();
     for run in runs {
         for (name, seen) in &run.targets {
-            tracks.entry(name).or_default().push((run.position_m, seen.point_m));
+            tracks.entry(name).or_default().push((run.position_m + seen.beyond_m, seen.point_m));
         }
     }
     let (mut products, mut squares) = (Vector3::zeros(), 0.0);

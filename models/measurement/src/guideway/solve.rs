@@ -202,8 +202,10 @@ impl<'a> Solver<'a> {
     /// `moved_m` is the indicated motion; what remains of the target's motion is error.
     fn arm(&self, first: Seen, here: Seen, moved_m: &Vector3<f64>) -> Arm {
         let turn = self.machine_from_points;
-        let start_m = turn * (first.point_m - self.reference_m);
-        let here_m = turn * (here.point_m - self.reference_m) - moved_m;
+        // Each is brought from where it was read to the position of its run.
+        let along = self.options.axis.unit();
+        let start_m = turn * (first.point_m - self.reference_m) - along * first.beyond_m;
+        let here_m = turn * (here.point_m - self.reference_m) - along * here.beyond_m - moved_m;
         let whitening = match (first.covariance_m2, here.covariance_m2) {
             (Some(first), Some(here)) if self.is_declared => whitening(&(turn * (first + here) * turn.inverse())),
             _ => Matrix3::identity(),

@@ -263,3 +263,34 @@ fn bad_points_are_refused_with_a_remedy() {
     };
     refused(&copied, "same coordinates");
 }
+
+/// Positions as a display rounds them, or as the axis stood when each target was read: good data was refused.
+#[test]
+fn regress_positions_that_differ_by_rounding_are_one() {
+    for axis in AXES {
+        let mut points = motion(axis, 1.0, 0.0, 0);
+        for (k, point) in points.iter_mut().enumerate() {
+            // The axis is where it says it is: what is indicated goes with what is measured.
+            let by_m = 0.4e-6 * noise(3, k).clamp(-1.2, 1.2);
+            point.position_m += by_m;
+            point.point_m += axis.unit() * by_m;
+        }
+        let found = Guideway::new(&points, options(axis, GuidewayRotation::Exact)).unwrap();
+        assert_eq!(found.positions.len(), 6);
+        for (k, position) in found.positions.iter().enumerate() {
+            let at_m = -0.2 + 0.15 * k as f64;
+            assert!((position.position_m - at_m).abs() < 0.5e-6);
+            // The errors change by 30 µrad/m along half a micrometre; the reference point moves along with the lowest position.
+            let off = position.errors - truth(at_m, 1.0);
+            assert!(off.norm() < 1e-9, "{off:?}");
+        }
+    }
+    let mut apart = motion(GuidewayAxis::X, 1.0, 0.0, 0);
+    apart[5].position_m += 2e-6;
+    let why = Guideway::new(&apart, options(GuidewayAxis::X, GuidewayRotation::Exact)).unwrap_err().to_string();
+    assert!(why.contains("1 targets in common") && why.contains("up to 1 um apart are one"), "{why}");
+    let mut twice = motion(GuidewayAxis::X, 1.0, 0.0, 0);
+    twice.push(TargetPoint { position_m: twice[4].position_m + 0.5e-6, ..twice[4].clone() });
+    let why = Guideway::new(&twice, options(GuidewayAxis::X, GuidewayRotation::Exact)).unwrap_err();
+    assert!(matches!(why, GuidewayError::Twice { first: 5, second: 25, .. }), "{why}");
+}
