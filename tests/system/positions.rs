@@ -54,6 +54,51 @@ fn positions_make_a_model_that_corrects_and_can_be_mapped() {
     }
 }
 
+/// Points inside of the stroke: the corner from which every diagonal counts is outside of what they show, and so is all of it. A
+/// measured diagonal begins where its first target is.
+#[test]
+fn diagonals_say_where_they_begin_and_what_they_are_worth() {
+    let bench = Bench::simulated(4);
+    let (machine, points, model) = (text(&machine()), bench.text("verify.csv"), bench.text("model.json"));
+    run(fit(&machine, &points, &model, &["--u-um", "0.05"])).ok();
+    let out = bench.text("volumetric");
+    let asked = ["volumetric", "--model", &model, "--out", &out, "--steps", "5", "--offset-mm", "0,0,-60"];
+    let said = run(asked).ok();
+    assert_says(&said, &["of 11 targets extrapolated, U may be too small there"]);
+    let page = bench.read("volumetric/report.html");
+    assert!(page.contains("targets extrapolated, U may be too small there"));
+    let figures = json(&run([&asked[..], &["--json"]].concat()).ok());
+    let diagonal = &figures["diagonals"][0];
+    assert_eq!((&diagonal["extrapolated"], &diagonal["targets"][5]["status"]), (&11.into(), &"extrapolated".into()));
+    let csv = bench.read("volumetric/diagonals.csv");
+    assert!(csv.starts_with("diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um,status\n"), "{csv}");
+    assert!(csv.lines().nth(3).unwrap().ends_with(",extrapolated"), "{csv}");
+
+    let head = "diagonal,distance_mm,deviation_um,u_um,start_mm,runs\n";
+    let with = |name: &str, rows: &str| {
+        let measured = bench.write(name, format!("{head}{rows}"));
+        run([&asked[..], &["--diagonals", &measured, "--json"]].concat())
+    };
+    // Where the first target lies changes what the model says of the others.
+    let differs = |start_mm: u32| {
+        let rows = format!("PPP,0,0,0.1,{start_mm},5\nPPP,400,4,0.1,{start_mm},5\n");
+        json(&with("start.csv", &rows).ok())["compared"][0]["largest_difference_um"].as_f64().unwrap()
+    };
+    assert!((differs(0) - differs(200)).abs() > 0.5, "{} {}", differs(0), differs(200));
+    for rows in ["PPP,0,0,0.1,0,5\nPPP,1300,1,0.1,0,5\n", "PPP,0,0,0.1,900,5\nPPP,400,1,0.1,900,5\n"] {
+        let says = ["diagonal PPP: its last target would lie 1300.000 mm", "start_mm and distance_mm"];
+        assert_says(&with("beyond.csv", rows).refused(), &says);
+    }
+    // The machine repeats to 0.25 µm along every direction: 0.35 between two approaches, a tenth of that in the mean of a hundred.
+    let middle: Vec<&str> = csv.lines().filter(|row| row.starts_with("PPP")).nth(5).unwrap().split(',').collect();
+    let (distance, deviation): (&str, f64) = (middle[1], middle[5].parse().unwrap());
+    let outside = |runs: usize| {
+        let row = format!("PPP,{distance},{},0.01,0,{runs}\n", deviation + 0.6);
+        json(&with("runs.csv", &row).ok())["compared"][0]["outside_95_percent"].as_u64().unwrap()
+    };
+    assert_eq!((outside(1), outside(100)), (0, 1), "{middle:?}");
+}
+
 #[test]
 fn the_same_seed_gives_the_same_model_by_jade() {
     let bench = Bench::simulated(4);

@@ -41,6 +41,8 @@ pub struct LinePoint {
     pub deviation_m: f64,
     /// Standard uncertainty of the model's deviation (m, k = 1); a single approach also has the repeatability.
     pub u_m: f64,
+    /// What it is worth: the lesser of this target and of the first, to which it refers.
+    pub status: Status,
 }
 
 /// A body diagonal, named by the sign of the motion of X, Y and Z.
@@ -176,12 +178,12 @@ pub fn at_distances(
         let mut sensitivity = Sensitivity::default();
         let correction = corrected(model, &state, &mut sensitivity).ok_or_else(|| outside(reading_m, offset_m))?;
         let undecided_m2 = direction.dot(&(undecided_at_m2(model, &state) * direction));
-        Ok((correction.position_m, sensitivity, undecided_m2))
+        Ok((correction.position_m, sensitivity, undecided_m2, correction.status))
     };
-    let (first_m, first, first_undecided_m2) = point(from_m)?;
+    let (first_m, first, first_undecided_m2, first_status) = point(from_m)?;
     let target = |distance_m: &f64| {
         let reading_m: [f64; 3] = (Vector3::from(from_m) + direction * *distance_m).into();
-        let (actual_m, sensitivity, undecided_m2) = point(reading_m)?;
+        let (actual_m, sensitivity, undecided_m2, own_status) = point(reading_m)?;
         let moved_m = actual_m - first_m;
         // Small minus small instead of length minus length: ‖n + e‖ − ‖n‖ = (2 n·e + e·e)/(‖n + e‖ + ‖n‖).
         let (nominal_m, distance_m) = (direction * *distance_m, *distance_m);
@@ -196,7 +198,8 @@ pub fn at_distances(
         // What is undecided at one end may be decided at the other; at the same place it is the same.
         let undecided_m2 = if reading_m == from_m { 0.0 } else { first_undecided_m2 + undecided_m2 };
         let u_m = (model.variance(&difference).max(0.0) + undecided_m2).sqrt();
-        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m })
+        let status = first_status.max(own_status);
+        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m, status })
     };
     distances_m.iter().map(target).collect()
 }

@@ -130,6 +130,18 @@ fn the_uncertainty_of_a_deviation_is_that_of_the_difference_of_both_ends() {
     assert_eq!(same[0], line[1]);
 }
 
+/// All of a line refers to its first target: where that is outside of what was identified, nothing on it is inside.
+#[test]
+fn a_line_is_worth_no_more_than_its_first_target() {
+    let mut parts = model(&[], 0.0).parts().clone();
+    parts.identified.reading_m = [(0.1, 0.6), (0.0, 0.9), (0.0, 0.4)];
+    let model = MachineModel::new(parts).unwrap();
+    let statuses = |ends| along_line(&model, ends, 3, [0.0; 3]).unwrap().iter().map(|p| p.status).collect::<Vec<_>>();
+    let (inside, outside) = ([0.6, 0.0, 0.0], [0.0, 0.0, 0.0]);
+    assert_eq!(statuses([outside, inside]), [Status::Extrapolated; 3]);
+    assert_eq!(statuses([inside, outside]), [Status::InVolume, Status::InVolume, Status::Extrapolated]);
+}
+
 #[test]
 fn grids_lines_and_places_that_make_no_sense_are_refused() {
     let model = model(&[], 0.0);

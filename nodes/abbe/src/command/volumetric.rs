@@ -43,7 +43,8 @@ pub(crate) struct Arguments {
     /// Offset of tip or reflector in the ram frame: x,y,z (mm); the machine file's default, else 0,0,0
     #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
     offset_mm: Option<Vec<f64>>,
-    /// Measured diagonals to compare with: CSV diagonal, distance_mm, deviation_um, u_um (k = 1)
+    /// Measured diagonals to compare with: CSV diagonal, distance_mm from the first target, deviation_um, u_um (k = 1); optional
+    /// start_mm, how far the first target lies from the end of the stroke (else at it), and runs, whose mean it is (else one)
     #[arg(long)]
     diagonals: Option<PathBuf>,
     /// Print the answer as JSON
@@ -189,9 +190,10 @@ fn compare(
     offset_m: [f64; 3],
 ) -> anyhow::Result<Comparison> {
     let distances_m: Vec<f64> = measured.targets.iter().map(|t| t.distance_m).collect();
-    let predicted = at_distances(model, measured.diagonal.ends_m(bounds_m), &distances_m, offset_m)
+    let ends_m = measured.ends_m(bounds_m)?;
+    let predicted = at_distances(model, ends_m, &distances_m, offset_m)
         .with_context(|| format!("diagonal {}", measured.diagonal.name()))?;
-    Ok(Comparison::new(measured.clone(), predicted))
+    Ok(Comparison::new(measured.clone(), predicted, ends_m, model.parts().machine.repeatability_m))
 }
 
 fn map_text(answer: &Answer) -> anyhow::Result<String> {
@@ -217,13 +219,14 @@ fn map_text(answer: &Answer) -> anyhow::Result<String> {
 }
 
 fn diagonals_text(answer: &Answer) -> anyhow::Result<String> {
-    let mut text = "diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um\n".to_owned();
+    let mut text = "diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um,status\n".to_owned();
     for (diagonal, points) in &answer.diagonals {
         for point in points {
             let [x, y, z] = point.reading_m.map(|v| v * 1e3);
             let (name, distance_mm) = (diagonal.name(), point.distance_m * 1e3);
             let (deviation_um, u_um) = (point.deviation_m * 1e6, 2e6 * point.u_m);
-            writeln!(text, "{name},{distance_mm:.4},{x:.4},{y:.4},{z:.4},{deviation_um:.4},{u_um:.4}")?;
+            let status = abbe_files::status_word(point.status);
+            writeln!(text, "{name},{distance_mm:.4},{x:.4},{y:.4},{z:.4},{deviation_um:.4},{u_um:.4},{status}")?;
         }
     }
     Ok(text)
@@ -232,6 +235,19 @@ fn diagonals_text(answer: &Answer) -> anyhow::Result<String> {
 /// Uncertainty of an error vector in space (m, k = 2).
 fn expanded_m(point: &MapPoint) -> f64 {
     2.0 * point.covariance_m2.trace().max(0.0).sqrt()
+}
+
+/// Targets whose uncertainty is a lower bound, since they or the first target are not inside of what was identified.
+fn not_inside(points: &[LinePoint]) -> usize {
+    points.iter().filter(|point| point.status != Status::InVolume).count()
+}
+
+/// What is said beside U where it may be too small; empty where it holds.
+fn lower_bound(points: &[LinePoint]) -> String {
+    match not_inside(points) {
+        0 => String::new(),
+        outside => format!("; {outside} of {} targets extrapolated, U may be too small there", points.len()),
+    }
 }
 
 /// Largest magnitude of the deviations on a diagonal (m) and the uncertainty there (k = 2).
@@ -246,7 +262,16 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
         .iter()
         .filter_map(|(diagonal, points)| {
             let (deviation_m, u_m) = extreme(points)?;
-            Some(json!({ "diagonal": diagonal.name(), "largest_um": deviation_m * 1e6, "u_um_k2": u_m * 1e6 }))
+            let target = |point: &LinePoint| {
+                json!({
+                    "distance_mm": point.distance_m * 1e3, "deviation_um": point.deviation_m * 1e6, "u_um_k2": 2e6 * point.u_m,
+                    "status": abbe_files::status_word(point.status),
+                })
+            };
+            Some(json!({
+                "diagonal": diagonal.name(), "largest_um": deviation_m * 1e6, "u_um_k2": u_m * 1e6,
+                "extrapolated": not_inside(points), "targets": points.iter().map(target).collect::<Vec<_>>(),
+            }))
         })
         .collect();
     let compared: Vec<_> = answer
@@ -255,7 +280,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
         .map(|c| {
             json!({
                 "diagonal": c.measured.diagonal.name(), "largest_difference_um": c.largest_difference_m() * 1e6,
-                "targets": c.measured.targets.len(), "outside_95_percent": c.outside(),
+                "targets": c.measured.targets.len(), "outside_95_percent": c.outside(), "extrapolated": not_inside(&c.predicted),
             })
         })
         .collect();
@@ -289,16 +314,18 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
     for (diagonal, points) in &answer.diagonals {
         if let Some((deviation_m, u_m)) = extreme(points) {
             let [deviation, u] = digits::with_uncertainty(deviation_m * 1e6, u_m * 1e6);
-            println!("  diagonal {}      {deviation} +- {u} um (k = 2) at most", diagonal.name());
+            let (name, bound) = (diagonal.name(), lower_bound(points));
+            println!("  diagonal {name}      {deviation} +- {u} um (k = 2) at most{bound}");
         }
     }
     for comparison in &answer.comparisons {
         println!(
-            "  measured {}      differs by {} um at most; {} of {} targets outside the 95 % interval",
+            "  measured {}      differs by {} um at most; {} of {} targets outside the 95 % interval{}",
             comparison.measured.diagonal.name(),
             digits::result(comparison.largest_difference_m() * 1e6),
             comparison.outside(),
-            comparison.measured.targets.len()
+            comparison.measured.targets.len(),
+            lower_bound(&comparison.predicted)
         );
     }
     Ok(())

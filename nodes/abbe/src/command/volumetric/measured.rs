@@ -1,12 +1,13 @@
 //! Measured diagonals, and how the model's compare with them.
 //!
-//! Place in the flow: only with `--diagonals`; nothing is fitted to them. Differences are measured − predicted (m).
+//! Place in the flow: only with `--diagonals`; nothing is fitted to them. Differences are measured − predicted (m). What was measured
+//! has the repeatability of the machine at this target and at the first: dᵀ Σ d of both, over the runs.
 
 use abbe_files::{DiagonalReading, read_diagonals_file};
 use abbe_geometry::Vector3;
 use abbe_geometry::volumetric::{Diagonal, LinePoint};
 use abbe_measurement::correspondence::check_vectors;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use std::path::Path;
 
 /// Factor of a 95 % interval of a normal distribution.
@@ -23,11 +24,28 @@ pub(super) struct MeasuredDiagonal {
 pub(super) struct Comparison {
     pub(super) measured: MeasuredDiagonal,
     pub(super) predicted: Vec<LinePoint>,
+    /// Variance of one approach along the diagonal (m²).
+    repeatability_m2: f64,
 }
 
 impl Comparison {
-    pub(super) fn new(measured: MeasuredDiagonal, predicted: Vec<LinePoint>) -> Comparison {
-        Comparison { measured, predicted }
+    /// Compares; `repeatability_m` is that of each axis (k = 1).
+    pub(super) fn new(
+        measured: MeasuredDiagonal,
+        predicted: Vec<LinePoint>,
+        [from_m, to_m]: [[f64; 3]; 2],
+        repeatability_m: [f64; 3],
+    ) -> Comparison {
+        let along = (Vector3::from(to_m) - Vector3::from(from_m)).normalize();
+        let repeatability_m2 = along.component_mul(&Vector3::from(repeatability_m)).norm_squared();
+        Comparison { measured, predicted, repeatability_m2 }
+    }
+
+    /// Standard uncertainty of measured less predicted (m). At the first target both are zero by definition.
+    fn u_m(&self, measured: &DiagonalReading, predicted: &LinePoint) -> f64 {
+        let approaches = if measured.distance_m > 0.0 { 2.0 } else { 0.0 };
+        let machine_m2 = approaches * self.repeatability_m2 / measured.runs.unwrap_or(1) as f64;
+        (measured.u_m.powi(2) + predicted.u_m.powi(2) + machine_m2).sqrt()
     }
 
     fn pairs(&self) -> impl Iterator<Item = (&DiagonalReading, &LinePoint)> {
@@ -40,10 +58,34 @@ impl Comparison {
 
     /// Targets whose difference exceeds what both uncertainties allow for 95 %.
     pub(super) fn outside(&self) -> usize {
-        let beyond = |(m, p): &(&DiagonalReading, &LinePoint)| {
-            (m.deviation_m - p.deviation_m).abs() > BAND_95 * m.u_m.hypot(p.u_m)
-        };
+        let beyond =
+            |(m, p): &(&DiagonalReading, &LinePoint)| (m.deviation_m - p.deviation_m).abs() > BAND_95 * self.u_m(m, p);
         self.pairs().filter(beyond).count()
+    }
+}
+
+impl MeasuredDiagonal {
+    /// Readings (m) at the first target and at the other end of the stroke.
+    ///
+    /// # Errors
+    /// Targets beyond that end.
+    pub(super) fn ends_m(&self, bounds_m: &[(f64, f64); 3]) -> anyhow::Result<[[f64; 3]; 2]> {
+        /// What a distance may be beyond the end (m): that of rounded distances.
+        const ROUNDING_M: f64 = 1e-4;
+        let [from_m, to_m] = self.diagonal.ends_m(bounds_m).map(Vector3::from);
+        let length_m = (to_m - from_m).norm();
+        let start_m = self.targets.iter().find_map(|target| target.start_m).unwrap_or(0.0);
+        let last_m = self.targets.iter().map(|target| target.distance_m).fold(0.0, f64::max);
+        ensure!(
+            start_m < length_m && start_m + last_m <= length_m + ROUNDING_M,
+            "diagonal {}: its last target would lie {:.3} mm from the end of the stroke where it begins (start_mm and distance_mm together), \
+             and the diagonal of the stroke is {:.3} mm long; correct start_mm and distance_mm, or the stroke in the machine file",
+            self.diagonal.name(),
+            (start_m + last_m) * 1e3,
+            length_m * 1e3
+        );
+        let first_m = from_m + (to_m - from_m) * (start_m / length_m);
+        Ok([first_m.into(), to_m.into()])
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
 
-use super::{Answer, expanded_m, extreme};
+use super::{Answer, expanded_m, extreme, lower_bound};
 use crate::next::Next;
 use abbe_geometry::volumetric::{LinePoint, MapPoint};
 use abbe_report::{
@@ -106,7 +106,9 @@ fn key_figures(answer: &Answer) -> Section {
             &format!("diagonal {}", diagonal.name()),
             value,
             u_m,
-            u_m.map(|u_m| format!("± {} µm (k = 2), largest on it", digits::uncertainty(u_m * 1e6))),
+            u_m.map(|u_m| {
+                format!("± {} µm (k = 2), largest on it{}", digits::uncertainty(u_m * 1e6), lower_bound(points))
+            }),
         )
     }));
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
