@@ -96,6 +96,42 @@ fn regress_verification_points_outside_are_told_and_all_of_them_have_an_exit_cod
 }
 
 #[test]
+fn regress_few_verification_points_are_said_to_flatter_and_points_on_a_line_are_refused() {
+    let bench = Bench::identified(5);
+    let (model, page) = (bench.text("model.json"), bench.text("verify.html"));
+    let verify = |rows: &[String], more: &[&str]| {
+        let points = bench.write("some.csv", [&bench_head(&bench), rows].concat().join("\n") + "\n");
+        run(["verify", "--model", &model, "--points", &points].iter().chain(more).copied().collect::<Vec<_>>())
+    };
+    let rows: Vec<String> = bench.read("verify.csv").lines().skip(1).map(str::to_owned).collect();
+    let few = "5 points are few: their alignment fits 6 of 15 numbers, so that each rms is about 0.77 of the true one";
+    assert_says(&verify(&rows[..5], &["--html", &page]).ok(), &[few, "of 20 points 0.95 is left"]);
+    assert_says(&std::fs::read_to_string(&page).unwrap(), &[few]);
+    assert!(!verify(&rows[..20], &[]).ok().contains("points are few"));
+    let said = verify(&rows[..5], &["--json"]).ok();
+    assert_says(&said, &["\"rms_left_by_alignment\": 0.774"]);
+    // The first point, moved along X and Y in both frames.
+    let mut table = Table::of(&bench.read("verify.csv"));
+    let columns = ["x_mm", "y_mm", "actual_x_mm", "actual_y_mm"].map(|name| table.column(name));
+    let first = table.0.swap_remove(1);
+    let inwards = |column: usize| if first[column].parse::<f64>().unwrap() < 300.0 { 20.0 } else { -20.0 };
+    let moved = |k: u8| {
+        let mut row = first.clone();
+        for column in columns {
+            row[column] = (first[column].parse::<f64>().unwrap() + inwards(column) * f64::from(k)).to_string();
+        }
+        row.join(",")
+    };
+    let line: Vec<String> = (0..6).map(moved).collect();
+    let told = verify(&line, &[]).refused();
+    assert_says(&told, &["some.csv", "the points lie on a line", "about which any rotation fits"]);
+}
+
+fn bench_head(bench: &Bench) -> [String; 1] {
+    [bench.read("verify.csv").lines().next().unwrap().to_owned()]
+}
+
+#[test]
 fn regress_maps_and_tables_for_a_tip_that_was_not_measured_have_an_exit_code() {
     let bench = Bench::identified(5);
     let (model, map, table) = (bench.text("model.json"), bench.text("map"), bench.text("table.csv"));

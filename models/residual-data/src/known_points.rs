@@ -24,7 +24,7 @@ pub fn from_known_points(
     if corrected_m.len() < LEAST_POINTS {
         return Err(ResidualError::FewPoints(corrected_m.len(), LEAST_POINTS));
     }
-    let alignment = RigidAlignment::between(actual_m, corrected_m)?;
+    let alignment = RigidAlignment::fixed(actual_m, corrected_m)?;
     let covariance_m2 = u_m.map(|u| Matrix3::from_diagonal(&u.component_mul(&u)));
     let residual = |(row, (corrected, actual)): (usize, (&Vector3<f64>, &Vector3<f64>))| PointResidual {
         row,
@@ -56,6 +56,9 @@ mod tests {
             assert!((residual.residual_m - (alignment.apply(q) - p)).norm() < 1e-14);
             assert!((residual.residual_m.z - field(p).z).abs() < 1e-6, "sign: actual less corrected");
         }
+        let line: Vec<_> = (0..20).map(|k| Vector3::new(f64::from(k) * 0.03, 0.0, 0.1)).collect();
+        let told = from_known_points(&line, &line, None).unwrap_err().to_string();
+        assert!(told.contains("the points lie on a line"), "{told}");
         assert!(matches!(from_known_points(&points[..5], &actual[..5], None), Err(ResidualError::FewPoints(5, _))));
     }
 }

@@ -17,12 +17,15 @@ use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::Status;
 use abbe_graph::step::OwnedField;
-use abbe_measurement::alignment::aligned_residuals_m;
+use abbe_measurement::alignment::{UNKNOWNS, aligned_residuals_m, share_left};
 use abbe_report::{MetaItem, digits};
 use anyhow::Context;
 use serde_json::json;
 use std::fs::File;
 use std::path::PathBuf;
+
+/// With fewer points the alignment takes more than a twentieth of the errors, and it is said.
+const FEW_POINTS: usize = 20;
 
 /// Arguments of `verify`.
 #[derive(Debug, clap::Args)]
@@ -100,6 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let mut value = json!({
             "points": points.rows.len(), "extrapolated": points.extrapolated(),
             "covariate_missing": points.tally.count(Status::CovariateMissing),
+            "rms_left_by_alignment": share_left(points.rows.len()),
             "model_doubts": model.said_against().collect::<Vec<_>>(),
         });
         for stage in &stages {
@@ -161,6 +165,7 @@ fn write(
         at_m: points.rows.iter().map(|row| row.reading_m).collect(),
         stages,
         inside: points.tally.count(Status::InVolume) as usize,
+        few: few(points.rows.len()),
         outside: points.tally.sentences(&model.model),
         doubts: model.said_against().collect(),
         next: next(arguments, points, stages).step(),
@@ -173,6 +178,17 @@ fn write(
         write_atomically(path, pdf)?;
     }
     Ok(())
+}
+
+/// What an alignment of few points does to the figures.
+fn few(points: usize) -> Option<String> {
+    let left = share_left(points).filter(|_| points < FEW_POINTS)?;
+    let enough = share_left(FEW_POINTS)?;
+    Some(format!(
+        "{points} points are few: their alignment fits {UNKNOWNS} of {} numbers, so that each rms is about {left:.2} of the true one, and \
+         the largest error too small as well; of {FEW_POINTS} points {enough:.2} is left",
+        3 * points
+    ))
 }
 
 fn print_words(points: &VerificationPoints, stages: &[Stage]) {
@@ -189,5 +205,8 @@ fn print_words(points: &VerificationPoints, stages: &[Stage]) {
     for Stage { name, rms_um, max_um, lengths, .. } in stages {
         let [rms, max, length] = [*rms_um, *max_um, lengths.largest_m * 1e6].map(digits::result);
         println!("  {name:<11} rms {rms:>6}  max {max:>6}  lengths within {length:>6}, {}", lengths.limit());
+    }
+    if let Some(few) = few(points.rows.len()) {
+        println!("  {few}");
     }
 }

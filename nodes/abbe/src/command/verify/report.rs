@@ -18,6 +18,8 @@ pub(super) struct Page<'a> {
     pub(super) stages: &'a [Stage],
     /// Points inside what the model was identified from.
     pub(super) inside: usize,
+    /// What so few points do to the figures, where they are few.
+    pub(super) few: Option<String>,
     /// What the others are, in sentences.
     pub(super) outside: Option<String>,
     pub(super) doubts: Vec<String>,
@@ -84,6 +86,7 @@ fn limits(page: &Page) -> Vec<Section> {
     list.extend(
         page.outside.iter().map(|text| warning(tone, "Not all points are inside what was measured", text.clone())),
     );
+    list.extend(page.few.iter().map(|text| warning(Tone::Warning, "Few points", format!("{text}."))));
     let doubts =
         page.doubts.iter().map(|doubt| warning(Tone::Warning, "What speaks against this model", doubt.clone()));
     list.extend(doubts);
