@@ -100,6 +100,54 @@ fn what_a_whole_test_lacks_is_named() {
     says(cap, Some(2.0 * RADIUS_M), "a hemisphere is asked for");
 }
 
+/// Points on rings: angle from the pole (degrees), their number, and the angle by which the ring is turned (degrees).
+fn rings(rings: &[(f64, usize, f64)]) -> Vec<Vector3<f64>> {
+    let ring = |(polar_deg, count, turned_deg): (f64, usize, f64)| {
+        let polar_rad = polar_deg.to_radians();
+        (0..count).map(move |k| {
+            let around_rad = turned_deg.to_radians() + std::f64::consts::TAU * k as f64 / count as f64;
+            Vector3::new(polar_rad.sin() * around_rad.cos(), polar_rad.sin() * around_rad.sin(), polar_rad.cos())
+        })
+    };
+    rings.iter().copied().flat_map(ring).map(|d| CENTRE_M + d * RADIUS_M).collect()
+}
+
+#[test]
+fn regress_points_that_leave_most_of_the_hemisphere_blind_are_no_whole_test() {
+    let said = |points: &[Vector3<f64>]| {
+        assert_eq!(points.len(), POINTS);
+        let departures = evaluate(points, Some(2.0 * RADIUS_M)).unwrap().departures;
+        departures.iter().map(|d| format!("{d}.")).collect::<String>()
+    };
+    // A cap of 12 degrees and one point at the equator; a band along one meridian; one half of the hemisphere.
+    let cap = [(3.0, 6, 0.0), (7.0, 8, 10.0), (11.0, 10, 20.0), (90.0, 1, 0.0)];
+    let told = said(&rings(&cap));
+    assert!(told.contains("a place of the hemisphere is 73 degrees from the nearest point"), "{told}");
+    let meridian: Vec<(f64, usize, f64)> =
+        (1..=12).map(|k| (7.5 * f64::from(k), 2, 0.0)).chain([(0.0, 1, 0.0)]).collect();
+    let told = said(&rings(&meridian));
+    assert!(told.contains("degrees from the nearest point"), "{told}");
+    let equator = [(0.0, 1, 0.0), (90.0, 24, 0.0)];
+    let told = said(&rings(&equator));
+    assert!(told.contains("45 degrees from the nearest point"), "{told}");
+    // The recommended pattern, its rings unturned or fewer, an equator that is a little short, and a spiral.
+    let even: [&[(f64, usize, f64)]; 5] = [
+        &[(0.0, 1, 0.0), (22.5, 4, 22.5), (45.0, 8, 45.0), (67.5, 4, 67.5), (90.0, 8, 90.0)],
+        &[(0.0, 1, 0.0), (22.5, 4, 0.0), (45.0, 8, 0.0), (67.5, 4, 0.0), (90.0, 8, 0.0)],
+        &[(0.0, 1, 0.0), (45.0, 8, 0.0), (90.0, 16, 0.0)],
+        &[(0.0, 1, 0.0), (22.5, 6, 0.0), (45.0, 6, 0.0), (67.5, 6, 0.0), (90.0, 6, 0.0)],
+        &[(0.0, 1, 0.0), (21.2, 4, 22.5), (42.5, 8, 45.0), (63.8, 4, 67.5), (85.0, 8, 90.0)],
+    ];
+    for pattern in even {
+        assert_eq!(said(&rings(pattern)), "", "{pattern:?}");
+    }
+    let spiral: Vec<(f64, usize, f64)> = (0..25)
+        .map(|k| (f64::from(k) / 24.0, f64::from(k) * 137.5))
+        .map(|(z, turn)| (z.acos().to_degrees(), 1, turn))
+        .collect();
+    assert_eq!(said(&rings(&spiral)), "");
+}
+
 #[test]
 fn points_that_fix_no_sphere_are_refused() {
     let refused = |points: Vec<Vector3<f64>>, diameter_m: Option<f64>, says: &str| {
