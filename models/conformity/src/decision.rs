@@ -61,16 +61,26 @@ pub enum DecisionRule {
 impl DecisionRule {
     /// Holds an error observed at a length (m) against the limit there.
     pub fn decide(&self, observed: ObservedError, limit: PermissibleError, length_m: f64) -> Verdict {
-        let u_m = match self {
-            DecisionRule::SimpleAcceptance => 0.0,
-            DecisionRule::GuardBand(uncertainty) => uncertainty.at_m(length_m),
-        };
+        let u_m = self.guard_m(length_m);
         let beyond_m = observed.magnitude_m() - limit.metres();
         match beyond_m {
             b if b <= -u_m + SAME_M => Verdict::Conforms,
             b if b > u_m + SAME_M => Verdict::DoesNotConform,
             b if b.is_nan() => Verdict::Undecided,
             _ => Verdict::Undecided,
+        }
+    }
+
+    /// Smallest limit to which an error observed at a length (m) conforms.
+    pub fn least_limit(&self, observed: ObservedError, length_m: f64) -> PermissibleError {
+        PermissibleError::from_metres(observed.magnitude_m() + self.guard_m(length_m))
+    }
+
+    /// By how much the limit is narrowed or widened at a length (m), m.
+    fn guard_m(&self, length_m: f64) -> f64 {
+        match self {
+            DecisionRule::SimpleAcceptance => 0.0,
+            DecisionRule::GuardBand(uncertainty) => uncertainty.at_m(length_m),
         }
     }
 
@@ -120,6 +130,20 @@ mod tests {
             (1.21, Verdict::DoesNotConform),
         ] {
             assert_eq!(decide(rule, observed_um), verdict, "{observed_um}");
+        }
+    }
+
+    #[test]
+    fn the_least_limit_is_the_one_that_turns_doubt_into_conformity() {
+        let observed = ObservedError::from_metres(-0.8e-6);
+        for rule in [
+            DecisionRule::SimpleAcceptance,
+            DecisionRule::GuardBand(TestUncertainty::expanded(0.1e-6, 0.2e-6).unwrap()),
+        ] {
+            let least_m = rule.least_limit(observed, 0.5).metres();
+            let at = |limit_m: f64| rule.decide(observed, PermissibleError::from_metres(limit_m), 0.5);
+            assert_eq!(at(least_m), Verdict::Conforms, "{rule:?}");
+            assert_ne!(at(least_m - 1e-12), Verdict::Conforms, "{rule:?}");
         }
     }
 

@@ -10,7 +10,7 @@
 
 use crate::error::ConformityError;
 use crate::limit::MaximumPermissibleError;
-use crate::quantity::ObservedError;
+use crate::quantity::{ObservedError, PermissibleError};
 
 /// One limit of the frontier.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +49,18 @@ impl Frontier {
     /// # Errors
     /// No error at all, a length that is not above zero, or an error that is not finite.
     pub fn of(observed: impl IntoIterator<Item = (f64, ObservedError)>) -> Result<Frontier, ConformityError> {
-        let points: Vec<(f64, f64)> = observed.into_iter().map(|(l, e)| (l, e.magnitude_m())).collect();
+        Frontier::above(observed.into_iter().map(|(l, e)| (l, e.magnitude_m())).collect())
+    }
+
+    /// From lengths (m) and the limits that are needed there.
+    ///
+    /// # Errors
+    /// As [`Frontier::of`].
+    pub fn of_limits(needed: impl IntoIterator<Item = (f64, PermissibleError)>) -> Result<Frontier, ConformityError> {
+        Frontier::above(needed.into_iter().map(|(l, limit)| (l, limit.metres())).collect())
+    }
+
+    fn above(points: Vec<(f64, f64)>) -> Result<Frontier, ConformityError> {
         if points.is_empty() {
             return Err(ConformityError::new("limits", "there is no observed error", "give at least one"));
         }

@@ -7,7 +7,7 @@
 //! deviations of the actual position, *actual − target*, which is Abbe's own sign.
 //!
 //! What was observed ([`ObservedError`]) and what is permitted ([`PermissibleError`]) are different types; only
-//! [`DecisionRule::decide`] brings them together, so that no figure is ever printed or compared as the other:
+//! [`DecisionRule`] brings them together, so that no figure is ever printed or compared as the other:
 //!
 //! ```
 //! use abbe_conformity::{DecisionRule, MaximumPermissibleError, ObservedError, TestUncertainty, Verdict};

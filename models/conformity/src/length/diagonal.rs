@@ -2,13 +2,13 @@
 //!
 //! Place in the flow: part of the departures of [`super::evaluate()`]. ISO 10360-2:2009 asks for four space diagonals among the seven
 //! lines of E0; the other three are parallel to the axes unless user and manufacturer agree on others, so nothing is asked of them.
-//! With a tool offset it asks for the two diagonals of one plane. A diagonal is told by its name, the signs of its direction along
+//! With a tool offset it asks for the two diagonals of one plane. A line that is measured from both its ends is one line. A diagonal is told by its name, the signs of its direction along
 //! X, Y and Z as in [`super::e0_lines`], or by its travel, which is the root sum of squares of the travels of lines X, Y and Z.
 
 use super::LengthTest;
 use super::summary::LineSummary;
 use crate::departure::Departure;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Space diagonals of E0.
 const BODY: usize = 4;
@@ -21,6 +21,20 @@ pub(super) fn departures(test: &LengthTest, lines: &[LineSummary]) -> Vec<Depart
         true => of_body(test, lines),
         false => of_plane(lines),
     }
+}
+
+/// Lines that are an earlier one from the other end, each with that one.
+pub(super) fn doubles(lines: &[LineSummary]) -> Vec<(&str, &str)> {
+    let mut known: BTreeMap<String, &str> = BTreeMap::new();
+    let mut found = Vec::new();
+    for line in lines {
+        let Some(signs) = signs(&line.line) else { continue };
+        match known.get(&signs) {
+            Some(twin) => found.push((line.line.as_str(), *twin)),
+            None => drop(known.insert(signs, &line.line)),
+        }
+    }
+    found
 }
 
 fn of_body(test: &LengthTest, lines: &[LineSummary]) -> Vec<Departure> {
@@ -75,8 +89,9 @@ fn body_travel_m(test: &LengthTest) -> Option<f64> {
     Some(squares?.iter().sum::<f64>().sqrt())
 }
 
-/// A name of three signs, from the end at which the first sign is P; `None` for any other name.
+/// A name of three signs, in capitals or not, from the end at which the first sign is P; `None` for any other name.
 fn signs(name: &str) -> Option<String> {
+    let name = name.to_ascii_uppercase();
     let is_signs = name.chars().count() == 3 && name.chars().all(|c| ['P', 'N', '0'].contains(&c));
     let first = name.chars().find(|c| *c != '0').filter(|_| is_signs)?;
     let turned = |c: char| match c {
@@ -84,7 +99,7 @@ fn signs(name: &str) -> Option<String> {
         'N' => 'P',
         other => other,
     };
-    Some(if first == 'N' { name.chars().map(turned).collect() } else { name.to_owned() })
+    Some(if first == 'N' { name.chars().map(turned).collect() } else { name })
 }
 
 #[cfg(test)]
@@ -96,6 +111,7 @@ mod tests {
         let of = |name| signs(name);
         assert_eq!((of("NNN"), of("PPP")), (Some("PPP".to_owned()), Some("PPP".to_owned())));
         assert_eq!((of("NPP"), of("0NP")), (Some("PNN".to_owned()), Some("0PN".to_owned())));
+        assert_eq!(of("nnp"), of("PPN"));
         assert_eq!([of("PPQ"), of("X"), of("000"), of("PPPP"), of("")], [const { None }; 5]);
     }
 }

@@ -4,7 +4,7 @@
 //! a step of its own, with limit and decision rule as arguments, so that observed errors stand without any limit.
 
 use super::summary::LineSummary;
-use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, LengthTest, REPEATS, diagonal};
+use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, LengthTest, Probing, REPEATS, diagonal};
 use crate::decision::{DecisionRule, Verdict};
 use crate::departure::Departure;
 use crate::error::ConformityError;
@@ -25,6 +25,10 @@ const LEAST_OFFSET_M: f64 = 1e-3;
 const SHORT_OFFSET_M: f64 = 0.05;
 /// Nominal lengths of one gauge are the same to this (m).
 const SAME_LENGTH_M: f64 = 1e-6;
+/// A length may equal its travel, and a travel may be stated in whole millimetres (m).
+const TRAVEL_ROUNDING_M: f64 = 1e-3;
+/// How R0 is held against its limit: it is a range of measurements of one gauge, in which the gauge's uncertainty takes no part.
+pub const REPEATABILITY_RULE: DecisionRule = DecisionRule::SimpleAcceptance;
 /// Tolerance of the share of travel: what rounding of lengths to a nanometre can cost.
 const SHARE_TOLERANCE: f64 = 1e-8;
 
@@ -95,7 +99,7 @@ impl LengthVerdict {
 ///
 /// # Errors
 /// No measurement; a figure that is not finite; the same measurement twice; lengths or errors of a size that only a slip
-/// of units explains. What is merely missing from a whole test is a departure, not an error.
+/// of units explains; a length above the travel along its line. What is merely missing from a whole test is a departure, not an error.
 pub fn evaluate(test: LengthTest, measurements: &[LengthMeasurement]) -> Result<LengthErrors, ConformityError> {
     check_test(&test)?;
     let names = names(measurements)?;
@@ -104,6 +108,7 @@ pub fn evaluate(test: LengthTest, measurements: &[LengthMeasurement]) -> Result<
         sets.extend(sets_of(name, measurements)?);
     }
     let lines: Vec<LineSummary> = names.iter().map(|name| summary(name, &sets, &test)).collect();
+    check_travel(&lines)?;
     let departures = departures(&test, &sets, &lines);
     Ok(LengthErrors { test, sets, lines, departures })
 }
@@ -138,6 +143,14 @@ impl LengthErrors {
         Frontier::of(self.errors())
     }
 
+    /// The limits A + L/K to which all of these errors conform by a decision rule.
+    ///
+    /// # Errors
+    /// None on data that [`evaluate()`] took.
+    pub fn frontier_to_conform(&self, rule: &DecisionRule) -> Result<Frontier, ConformityError> {
+        Frontier::of_limits(self.errors().map(|(length_m, error)| (length_m, rule.least_limit(error, length_m))))
+    }
+
     /// Holds the errors against a limit, and R0 against one of its own.
     pub fn verdict(
         &self,
@@ -157,10 +170,8 @@ impl LengthErrors {
             one += usize::from(beyond == 1);
             more += usize::from(beyond > 1);
         }
-        // A range is a difference of measurements of the same gauge, so its uncertainty takes no part.
-        let against = |limit: PermissibleError| {
-            self.repeatability().map(|range| DecisionRule::SimpleAcceptance.decide(range, limit, 0.0))
-        };
+        let against =
+            |limit: PermissibleError| self.repeatability().map(|range| REPEATABILITY_RULE.decide(range, limit, 0.0));
         LengthVerdict {
             errors: worst,
             sets_with_one_beyond: one,
@@ -271,11 +282,38 @@ fn summary(line: &str, sets: &[LengthSet], test: &LengthTest) -> LineSummary {
     }
 }
 
+/// Refuses lengths that are longer than the travel along their line.
+fn check_travel(lines: &[LineSummary]) -> Result<(), ConformityError> {
+    for line in lines {
+        let Some(travel_m) = line.travel_m.filter(|travel_m| line.longest_m > travel_m + TRAVEL_ROUNDING_M) else {
+            continue;
+        };
+        let problem = format!(
+            "a length of {:.4} mm is longer than the travel of {:.4} mm along the line",
+            line.longest_m * 1e3,
+            travel_m * 1e3
+        );
+        let remedy = "correct the travel or the length; multiply the travels by 1000 if they are metres";
+        return Err(ConformityError::new(format!("line {}", line.line), problem, remedy));
+    }
+    Ok(())
+}
+
 fn departures(test: &LengthTest, sets: &[LengthSet], lines: &[LineSummary]) -> Vec<Departure> {
     let mut found = Vec::new();
     let asked = test.lines_asked_for();
-    if lines.len() < asked {
-        found.push(Departure::new("test", format!("{asked} measuring lines are asked for, there are {}", lines.len())));
+    let doubles = diagonal::doubles(lines);
+    let there = lines.len() - doubles.len();
+    if there < asked {
+        let twins = doubles.iter().map(|(name, twin)| format!("{name} is {twin} from the other end"));
+        let text = format!("{asked} measuring lines are asked for, there are {there}");
+        let text = [text].into_iter().chain(twins).collect::<Vec<String>>().join("; ");
+        found.push(Departure::new("test", text));
+    }
+    if test.probing == Probing::Unidirectional {
+        let text = "the ends were probed from the same side, so that errors of probe and tip diameter cancel; probe from opposite sides, \
+                    or measure as well a short calibrated length from opposite sides in the same places";
+        found.push(Departure::new("test", text));
     }
     if test.tool_offset_m > 0.0 && test.tool_offset_m < SHORT_OFFSET_M {
         let offset_mm = test.tool_offset_m * 1e3;

@@ -14,7 +14,7 @@ mod lines;
 mod measure;
 mod summary;
 
-pub use evaluate::{LengthErrors, LengthSet, LengthVerdict, evaluate};
+pub use evaluate::{LengthErrors, LengthSet, LengthVerdict, REPEATABILITY_RULE, evaluate};
 pub use lines::{MeasuringLine, MeasuringVolume, OffsetPlane, e0_lines, offset_lines};
 pub use measure::{End, LengthPlan, Touch, measure};
 pub use summary::LineSummary;
@@ -38,7 +38,8 @@ pub const LEAST_SHARE: f64 = 0.66;
 pub enum Probing {
     /// From opposite sides (gauge block, ball bar): errors of probe and tip diameter take part.
     Bidirectional,
-    /// From the same side (step gauge face to face, laser): they cancel, and need a test of their own.
+    /// From the same side (step gauge face to face, laser): they cancel, so that it is no whole test.
+    /// ISO 10360-2 has it supplemented by a short length, probed from opposite sides in the same place.
     Unidirectional,
 }
 

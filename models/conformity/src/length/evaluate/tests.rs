@@ -171,6 +171,8 @@ fn regress_seven_lines_without_the_four_space_diagonals_are_no_whole_test() {
         let new = |old: &str| NAMES.iter().position(|name| *name == old).map(|k| names[k].to_owned()).unwrap();
         measurements.iter_mut().for_each(|m| m.line = new(&m.line));
         test.travel_m = names.map(str::to_owned).into_iter().zip(travel_m).collect();
+        // 75 % of each travel.
+        measurements.iter_mut().for_each(|m| m.calibrated_m *= test.travel_m[&m.line] / 0.6);
         evaluate(test, &measurements).unwrap().departures.iter().map(|d| format!("{d}; ")).collect::<String>()
     };
     let even = [0.6; LINES_E0];
@@ -186,6 +188,71 @@ fn regress_seven_lines_without_the_four_space_diagonals_are_no_whole_test() {
         says.contains("line PPP") && says.contains("400.0 mm is not the 647.5 mm") && says.contains("3 can be told"),
         "{says}"
     );
+}
+
+#[test]
+fn regress_a_diagonal_from_both_ends_is_one_of_the_seven_lines() {
+    let said = |names: &[&str], asked: usize| {
+        let (mut test, measurements) = whole();
+        test.tool_offset_m = if asked == 2 { 0.15 } else { 0.0 };
+        test.travel_m = names.iter().map(|name| ((*name).to_owned(), 0.6)).collect();
+        let of = |name: &str| -> Vec<LengthMeasurement> {
+            let own = measurements.iter().filter(|m| m.line == "PPP").cloned();
+            own.map(|m| LengthMeasurement { line: name.to_owned(), ..m }).collect()
+        };
+        let all: Vec<LengthMeasurement> = names.iter().flat_map(|name| of(name)).collect();
+        evaluate(test, &all).unwrap().departures.iter().map(|d| format!("{d}.")).collect::<String>()
+    };
+    assert_eq!(
+        said(&["PPP", "NNN", "NPP", "PNN", "PNP", "NPN", "PPN"], 7),
+        "test: 7 measuring lines are asked for, there are 4; NNN is PPP from the other end; PNN is NPP from the other end; NPN is PNP \
+         from the other end."
+    );
+    assert!(said(&["PPP", "nnn", "NPP", "PNP", "PPN", "A", "B"], 7).contains("there are 6; nnn is PPP"));
+    // From both ends besides the seven is no harm.
+    assert_eq!(said(&["PPP", "NNN", "NPP", "PNP", "PPN", "A", "B", "C"], 7), "");
+    assert!(said(&["0PP", "0NN"], 2).contains("2 measuring lines are asked for, there are 1; 0NN is 0PP"));
+}
+
+#[test]
+fn regress_a_length_above_the_travel_of_its_line_is_refused() {
+    let told = |travel_m: f64| {
+        let (mut test, measurements) = whole();
+        test.travel_m.insert("6".to_owned(), travel_m);
+        evaluate(test, &measurements).map_err(|error| error.to_string())
+    };
+    // Metres in the column, and a gauge of another line.
+    let metres = told(0.6e-3).unwrap_err();
+    assert!(["line 6", "450.0000 mm", "travel of 0.6000 mm", "1000"].iter().all(|s| metres.contains(s)), "{metres}");
+    assert!(told(0.40).unwrap_err().contains("longer than the travel of 400.0000 mm"));
+    // The whole travel, also where it is stated in whole millimetres.
+    assert!(told(0.45).unwrap().departures.is_empty() && told(0.4495).unwrap().departures.is_empty());
+}
+
+#[test]
+fn regress_ends_that_were_probed_from_one_side_are_no_whole_test() {
+    let (mut test, measurements) = whole();
+    test.probing = Probing::Unidirectional;
+    let errors = evaluate(test, &measurements).unwrap();
+    let told: Vec<String> = errors.departures.iter().map(ToString::to_string).collect();
+    assert!(told.len() == 1 && told[0].contains("short calibrated length from opposite sides"), "{told:?}");
+    let limit = MaximumPermissibleError::from_text("9").unwrap();
+    assert!(!errors.verdict(&limit, None, &DecisionRule::SimpleAcceptance).is_whole_test);
+}
+
+/// |E| + U on line 7, third repeat: 0.73 + L/1000 + 0.1 + L/2000 µm; with K = 1000 the longest length, 450 mm, decides.
+#[test]
+fn regress_the_limit_that_would_do_is_the_one_of_the_decision_rule() {
+    let (test, measurements) = whole();
+    let errors = evaluate(test, &measurements).unwrap();
+    let rule = DecisionRule::GuardBand(TestUncertainty::expanded(0.1e-6, 0.5e-6).unwrap());
+    let constant_m = errors.frontier_to_conform(&rule).unwrap().smallest_constant_m(1e-6);
+    assert!((constant_m - (0.83e-6 + 0.225e-6)).abs() < 1e-15, "{constant_m}");
+    let verdict =
+        |constant_m: f64| errors.verdict(&MaximumPermissibleError::new(constant_m, 1e-6).unwrap(), None, &rule).errors;
+    assert_eq!((verdict(constant_m), verdict(constant_m - 1e-9)), (Verdict::Conforms, Verdict::Undecided));
+    let simple = errors.frontier_to_conform(&DecisionRule::SimpleAcceptance).unwrap();
+    assert_eq!(simple, errors.frontier().unwrap());
 }
 
 #[test]
