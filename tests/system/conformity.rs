@@ -67,6 +67,43 @@ fn regress_a_limit_that_is_too_tight_and_an_uncertainty_change_verdict_and_exit_
 }
 
 #[test]
+fn regress_r0_names_its_own_rule_and_the_limit_that_would_do_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let (lengths, out) = (shipped_lengths(), text(&folder.path().join("out")));
+    let with = |mpe: &str, more: &[&str]| {
+        let stated = ["--probing", "bidirectional", "--uncertainty", "0.07+L/4000", "--r0-limit-um", "0.31"];
+        run([&["conformity", "--lengths", &lengths, "--mpe", mpe], &stated[..], more].concat())
+    };
+    let own = "simple acceptance: the uncertainty of the test is not taken into account; in a range of measurements of one gauge";
+    let words = String::from_utf8(with("0.58+L/1000", &[]).output).unwrap();
+    assert_says(
+        &words,
+        &["R0,MPL         0.310 um: conforms", own, "ISO 14253-1", "the uncertainty of the test left out"],
+    );
+    let figures: Value = serde_json::from_slice(&with("0.58+L/1000", &["--json", "--out", &out]).output).unwrap();
+    let against = &figures["against_limits"];
+    assert_says(against["decision_rule"].as_str().unwrap(), &["ISO 14253-1"]);
+    assert_says(against["repeatability_decision_rule"].as_str().unwrap(), &[own]);
+    let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert_says(&page, &[&format!("of the limit. Decision rule: {own}"), "Decision rule: ISO 14253-1"]);
+    // The A that would do, and one that is less by a nanometre.
+    let enough_um = against["smallest_constant_for_its_k_um"].as_f64().unwrap();
+    let errors = |constant_um: f64| {
+        let ran = with(&format!("{constant_um}+L/1000"), &["--json"]);
+        let figures: Value = serde_json::from_slice(&ran.output).unwrap();
+        (ran.code, figures["against_limits"]["errors"].as_str().unwrap().to_owned())
+    };
+    assert_eq!(errors(enough_um + 1e-6), (Some(0), "conforms".to_owned()));
+    assert_eq!(errors(enough_um - 1e-3), (Some(5), "undecided".to_owned()));
+    // Where the largest value of a limit is too small, no A and no K would do.
+    let capped = with("min(0.58+L/1000, 0.6)", &[]);
+    assert_says(
+        &String::from_utf8(capped.output).unwrap(),
+        &["its largest value would have to be", "whatever A and K"],
+    );
+}
+
+#[test]
 fn a_simulated_machine_is_better_after_correction_than_before() {
     let machine = text(&machine());
     let arguments = ["conformity", "--machine", &machine, "--seed", "4", "--mpe", "2+L/400", "--json"];

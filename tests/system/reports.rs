@@ -192,6 +192,24 @@ fn regress_a_simulated_machine_has_no_certificate_no_operator_and_no_instrument(
     }
 }
 
+/// U = 0.1 µm + L/100: 0.1 + 0.254 µm at a diameter of 25.4 mm.
+#[test]
+fn regress_a_certificate_of_a_sphere_states_the_uncertainty_that_the_verdict_used() {
+    let bench = Bench::new();
+    fs::write(bench.at("sphere.csv"), sphere()).unwrap();
+    let folder = text(bench.0.path());
+    let words = "conformity --sphere {}/sphere.csv --diameter-mm 25.4 --form-limit-um 900 --uncertainty 0.1+L/100 --identity {}/lab.toml \
+                 --measured 2026-03-05 --dcc {}/sphere.xml --out {}/out";
+    run(words.replace("{}", &folder).split_whitespace()).ok();
+    let certificate = fs::read_to_string(bench.at("sphere.xml")).unwrap();
+    assert_says(
+        &certificate,
+        &["<si:uncertainty>0.3540</si:uncertainty>", "limit 900.000 µm: conforms; decision rule: ISO 14253-1"],
+    );
+    assert!(!certificate.contains(">0.1000<"));
+    assert_says(&page_of(&bench, "out"), &["± 0.35 µm (k = 2)"]);
+}
+
 #[test]
 fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
     let Some(mut judge) = crate::common::python::python("certificate.py") else { return };

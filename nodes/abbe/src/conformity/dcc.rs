@@ -115,7 +115,9 @@ fn results(who: &Who, product: &Product, out: &mut String) {
     for figure in &product.figures {
         let said = [
             figure.limit_m.map(|limit| format!("limit {:.3} µm", limit * 1e6)),
-            figure.verdict.map(|verdict| verdict_word(verdict).replace('_', " ")),
+            figure.verdict.map(|(verdict, rule)| {
+                format!("{}; decision rule: {}", verdict_word(verdict).replace('_', " "), rule.words())
+            }),
         ];
         let said = said.into_iter().flatten().collect::<Vec<_>>().join(": ");
         let _ = write!(out, "<dcc:result>{}", name(&figure.name));

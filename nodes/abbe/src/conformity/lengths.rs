@@ -3,13 +3,13 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_in_words,
-    verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, expanded_um, pictures, tone, um,
+    verdict_in_words, verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
-use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
-use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
+use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, REPEATABILITY_RULE, evaluate};
+use abbe_conformity::{DecisionRule, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
 use abbe_report::{
     Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone, digits,
@@ -20,6 +20,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 pub(crate) const STANDARD: &str = "ISO 10360-2";
+/// Limits that differ by less are the same (m): above rounding, far below what anybody states.
+const SAME_M: f64 = 1e-13;
 
 /// What the user said of the test.
 pub(crate) struct Stated {
@@ -83,14 +85,14 @@ fn certified(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> Vec
         value_m: largest.metres(),
         expanded_m: expanded_m(at_m),
         limit_m: limits.length.map(|limit| limit.at(at_m).metres()),
-        verdict: verdict.as_ref().map(|verdict| verdict.errors),
+        verdict: verdict.as_ref().map(|verdict| (verdict.errors, *rule)),
     });
     figures.extend(errors.repeatability().map(|range| Figure {
         name: "R0, largest repeatability range".to_owned(),
         value_m: range.metres(),
         expanded_m: None,
         limit_m: limits.repeatability.map(|limit| limit.metres()),
-        verdict: verdict.as_ref().and_then(|verdict| verdict.repeatability),
+        verdict: verdict.as_ref().and_then(|verdict| Some((verdict.repeatability?, REPEATABILITY_RULE))),
     }));
     figures
 }
@@ -163,18 +165,19 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
     let frontier = errors.frontier()?;
     let _ = writeln!(
         text,
-        "  tightest limit {} (smallest area up to the longest length)",
-        supported_text(&frontier.smallest_area())
+        "  tightest limit {} (smallest area up to the longest length{})",
+        supported_text(&frontier.smallest_area()),
+        if *rule == DecisionRule::SimpleAcceptance { "" } else { "; the uncertainty of the test left out" }
     );
     let corners: Vec<String> = frontier.corners().iter().map(supported_text).collect();
     let _ = writeln!(text, "  as tight       {}", corners.join("; "));
-    text.push_str(&limit_words(errors, &frontier, limits, rule));
+    text.push_str(&limit_words(errors, limits, rule)?);
     text.push_str(&departure_words(STANDARD, &errors.departures));
     Ok(text)
 }
 
-fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule: &DecisionRule) -> String {
-    let Some(limit) = &limits.length else { return String::new() };
+fn limit_words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
+    let Some(limit) = &limits.length else { return Ok(String::new()) };
     let verdict = errors.verdict(limit, limits.repeatability, rule);
     let symbol = errors.test.symbol();
     let mut text = format!("  {symbol},MPE         {limit}: {}\n", verdict_text(errors, &verdict));
@@ -186,20 +189,58 @@ fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
         100.0 * used,
         length_m * 1e3
     );
-    let _ = writeln!(
-        text,
-        "                 with its K, A = {} um would do; with its A, {}",
-        rounded_up(um(frontier.smallest_constant_m(limit.per_metre()))),
-        match frontier.smallest_per_metre(limit.constant_m()) {
-            0.0 => "no L/K is needed".to_owned(),
-            slope => format!("K = {:.0} would do", (1e-3 / slope).floor()),
+    let enough = match enough(errors, limit, rule)? {
+        Enough::Limit(SupportedLimit { constant_m, per_metre }) => format!(
+            "with its K, A = {} um would do; with its A, {}",
+            rounded_up(um(constant_m)),
+            match per_metre {
+                0.0 => "no L/K is needed".to_owned(),
+                slope => format!("K = {:.0} would do", (1e-3 / slope).floor()),
+            }
+        ),
+        Enough::LargestValue(needed_m) => {
+            format!("its largest value would have to be {} um, whatever A and K", rounded_up(um(needed_m)))
         }
-    );
+    };
+    let _ = writeln!(text, "                 {enough}");
     let _ = writeln!(text, "                 {}", rule.words());
     if let (Some(verdict), Some(limit)) = (verdict.repeatability, limits.repeatability) {
         let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
+        let _ = writeln!(text, "                 {}", repeatability_rule());
     }
-    text
+    Ok(text)
+}
+
+/// What a limit would need so that every error conforms by the rule.
+enum Enough {
+    /// The smallest A with its K, and the smallest 1/K with its A.
+    Limit(SupportedLimit),
+    /// A limit min(A + L/K, B) whose B (m) is below what an error needs.
+    LargestValue(f64),
+}
+
+fn enough(errors: &LengthErrors, limit: &MaximumPermissibleError, rule: &DecisionRule) -> anyhow::Result<Enough> {
+    let frontier = errors.frontier_to_conform(rule)?;
+    let needed_m = frontier.smallest_constant_m(0.0);
+    let short_m = limit.cap_m().map_or(0.0, |cap_m| needed_m - cap_m);
+    if short_m > SAME_M {
+        return Ok(Enough::LargestValue(needed_m));
+    }
+    let constant_m = frontier.smallest_constant_m(limit.per_metre());
+    Ok(Enough::Limit(SupportedLimit { constant_m, per_metre: frontier.smallest_per_metre(limit.constant_m()) }))
+}
+
+/// How R0 was decided, and why not as the errors were.
+fn repeatability_rule() -> String {
+    format!("{}; in a range of measurements of one gauge it takes no part", REPEATABILITY_RULE.words())
+}
+
+/// The rules of the verdicts that were asked for, R0 by a rule of its own.
+pub(crate) fn rules(limits: &Limits, rule: &DecisionRule) -> String {
+    match limits.repeatability {
+        Some(_) if *rule != REPEATABILITY_RULE => format!("{}; for R0 {}", rule.words(), repeatability_rule()),
+        _ => rule.words().to_owned(),
+    }
 }
 
 fn verdict_text(errors: &LengthErrors, verdict: &LengthVerdict) -> String {
@@ -252,20 +293,26 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
             json!({ "line": s.line, "calibrated_mm": s.calibrated_m * 1e3, "errors_um": errors_um })
         })
         .collect();
-    let against = limits.length.map(|limit| {
+    let against = |limit: MaximumPermissibleError| -> anyhow::Result<Value> {
+        let enough = match enough(errors, &limit, rule)? {
+            Enough::Limit(enough) => Some(enough),
+            Enough::LargestValue(_) => None,
+        };
         let verdict = errors.verdict(&limit, limits.repeatability, rule);
-        json!({
+        Ok(json!({
             "mpe": limit.to_string(), "decision_rule": rule.words(),
             "errors": verdict_word(verdict.errors),
             "repeatability": verdict.repeatability.map(verdict_word),
+            "repeatability_decision_rule": verdict.repeatability.map(|_| repeatability_rule()),
             "sets_with_one_beyond": verdict.sets_with_one_beyond,
             "sets_with_more_beyond": verdict.sets_with_more_beyond,
             "verified": verdict.is_whole_test && verdict.overall() == Verdict::Conforms,
             "largest_share": most_used(errors, &limit).0,
-            "smallest_constant_for_its_k_um": um(frontier.smallest_constant_m(limit.per_metre())),
-            "smallest_um_per_mm_for_its_a": frontier.smallest_per_metre(limit.constant_m()) * 1e3,
-        })
-    });
+            "smallest_constant_for_its_k_um": enough.map(|enough| um(enough.constant_m)),
+            "smallest_um_per_mm_for_its_a": enough.map(|enough| enough.per_metre * 1e3),
+        }))
+    };
+    let against = limits.length.map(against).transpose()?;
     Ok(json!({
         "test": errors.test.symbol(), "standard": STANDARD, "probing": errors.test.probing.word(),
         "tool_offset_mm": errors.test.tool_offset_m * 1e3,
@@ -297,7 +344,7 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
     Ok(sections)
 }
 
-/// The verdict on each limit, and how much of it was used; the rule once.
+/// The verdict on each limit, how much of it was used, and the rule; once where it is the same for all.
 fn answers(
     errors: &LengthErrors,
     limit: &MaximumPermissibleError,
@@ -321,18 +368,19 @@ fn answers(
         ),
     }];
     let range = errors.repeatability().zip(limits.repeatability).zip(verdict.repeatability);
+    if *rule != REPEATABILITY_RULE || range.is_none() {
+        list.iter_mut().for_each(|own| own.text.push_str(&format!(" Decision rule: {}.", rule.words())));
+    }
     list.extend(range.map(|((range, limit), own)| Callout {
         tone: graded(own),
         title: format!("Repeatability range against {} µm", um(limit.metres())),
         text: format!(
-            "{}; it uses {:.0} % of the limit.",
+            "{}; it uses {:.0} % of the limit. Decision rule: {}.",
             verdict_in_words(own),
-            100.0 * range.metres() / limit.metres()
+            100.0 * range.metres() / limit.metres(),
+            if *rule == REPEATABILITY_RULE { rule.words().to_owned() } else { repeatability_rule() }
         ),
     }));
-    if let Some(last) = list.last_mut() {
-        last.text.push_str(&format!(" Decision rule: {}.", rule.words()));
-    }
     list
 }
 
@@ -341,15 +389,12 @@ fn at(line: &str, length_m: f64) -> String {
     format!("on {line} at {:.1} mm", length_m * 1e3)
 }
 
-/// Expanded uncertainty of the test at a length (µm, k = 2), where it was stated.
-fn expanded_um(rule: &DecisionRule, length_m: f64) -> Option<f64> {
-    match rule {
-        DecisionRule::GuardBand(uncertainty) => Some(um(uncertainty.at_m(length_m))),
-        DecisionRule::SimpleAcceptance => None,
-    }
-}
-
-fn key_figures(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule: &DecisionRule) -> Section {
+fn key_figures(
+    errors: &LengthErrors,
+    frontier: &abbe_conformity::Frontier,
+    limits: &Limits,
+    rule: &DecisionRule,
+) -> Section {
     let figure = |label: &str, value: Option<Quantity>, unit: &str, detail: String| KeyFigure {
         label: label.to_owned(),
         value,

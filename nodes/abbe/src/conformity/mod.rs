@@ -53,8 +53,8 @@ pub(crate) struct Figure {
     pub(crate) expanded_m: Option<f64>,
     /// Limit that was given (m), and what the verdict is.
     pub(crate) limit_m: Option<f64>,
-    /// The verdict on this limit.
-    pub(crate) verdict: Option<Verdict>,
+    /// The verdict on this limit, and the rule that it was decided by.
+    pub(crate) verdict: Option<(Verdict, DecisionRule)>,
 }
 
 /// Touches outside what a model knows.
@@ -97,6 +97,14 @@ pub(crate) fn limit_um(option: &str, value: Option<f64>) -> anyhow::Result<Optio
             Ok(PermissibleError::from_metres(um / 1e6))
         })
         .transpose()
+}
+
+/// Expanded uncertainty of the test at a length (µm, k = 2), where it was stated.
+pub(crate) fn expanded_um(rule: &DecisionRule, length_m: f64) -> Option<f64> {
+    match rule {
+        DecisionRule::GuardBand(uncertainty) => Some(um(uncertainty.at_m(length_m))),
+        DecisionRule::SimpleAcceptance => None,
+    }
 }
 
 /// A verdict as a word of JSON.

@@ -210,7 +210,7 @@ fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section
         sections.push(Section::Callout(Callout {
             tone: super::tone(verdict),
             title: format!("As corrected, against {limit}"),
-            text: format!("{}. Decision rule: {}.", super::verdict_in_words(verdict), rule.words()),
+            text: format!("{}. Decision rule: {}.", super::verdict_in_words(verdict), lengths::rules(limits, rule)),
         }));
     }
     sections.push(Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures }));

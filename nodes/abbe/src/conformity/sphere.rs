@@ -3,8 +3,8 @@
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, tone, um, verdict_in_words,
-    verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, expanded_um, tone, um,
+    verdict_in_words, verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
@@ -48,12 +48,15 @@ pub(crate) fn run(
             verdict: size,
         },
     ];
+    // That of the verdicts: at the diameter, not at a length of zero.
+    let u_um = expanded_um(rule, errors.length_m());
     let json = json!({
         "standard": STANDARD, "points": file.points_m.len(), "data_sha256": hex(&file.sha256), "software": software(),
         "centre_mm": errors.sphere.centre_m.iter().map(|v| v * 1e3).collect::<Vec<_>>(),
         "diameter_mm": errors.sphere.radius_m * 2e3,
         "calibrated_diameter_mm": diameter_m.map(|d| d * 1e3),
         "form_error_um": um(errors.form.metres()), "form_names": FORM_NAMES,
+        "expanded_uncertainty_um": u_um,
         "size_error_um": errors.size.map(|s| um(s.metres())), "size_names": SIZE_NAMES,
         "form_limit_um": limits.form.map(|l| um(l.metres())), "form": form.map(verdict_word),
         "size_limit_um": limits.size.map(|l| um(l.metres())), "size": size.map(verdict_word),
@@ -66,7 +69,7 @@ pub(crate) fn run(
         report: report(path, &file.sha256, &errors, &rows, rule),
         verdict: worst([form, size]),
         outside: None,
-        figures: rows.iter().filter_map(|row| row.certified(rule)).collect(),
+        figures: rows.iter().filter_map(|row| row.certified(rule, u_um)).collect(),
         method: (STANDARD, errors.departures.iter().map(ToString::to_string).collect()),
     })
 }
@@ -82,14 +85,6 @@ struct Row {
 }
 
 impl Row {
-    /// Expanded uncertainty of the test (µm, k = 2), where it was stated.
-    fn expanded_um(rule: &DecisionRule) -> Option<f64> {
-        match rule {
-            DecisionRule::GuardBand(uncertainty) => Some(um(uncertainty.at_m(0.0))),
-            DecisionRule::SimpleAcceptance => None,
-        }
-    }
-
     /// Share of the limit that the error uses.
     fn share(&self) -> Option<f64> {
         Some(self.value_m?.abs() / self.limit?.metres())
@@ -107,8 +102,7 @@ impl Row {
     }
 
     /// The error as it was observed; nothing where it was not.
-    fn figure(&self, rule: &DecisionRule) -> Option<KeyFigure> {
-        let u_um = Row::expanded_um(rule);
+    fn figure(&self, u_um: Option<f64>) -> Option<KeyFigure> {
         let stated = u_um.map_or_else(String::new, |u| format!("± {} µm (k = 2); ", digits::uncertainty(u)));
         let used = self.share().map_or_else(String::new, |share| format!("{:.0} % of the limit; ", 100.0 * share));
         Some(KeyFigure {
@@ -121,13 +115,13 @@ impl Row {
         })
     }
 
-    fn certified(&self, rule: &DecisionRule) -> Option<Figure> {
+    fn certified(&self, rule: &DecisionRule, u_um: Option<f64>) -> Option<Figure> {
         Some(Figure {
             name: self.names[0].to_owned(),
             value_m: self.value_m?,
-            expanded_m: Row::expanded_um(rule).map(|u_um| u_um * 1e-6),
+            expanded_m: u_um.map(|u_um| u_um * 1e-6),
             limit_m: self.limit.map(|limit| limit.metres()),
-            verdict: self.verdict,
+            verdict: self.verdict.map(|verdict| (verdict, *rule)),
         })
     }
 }
@@ -152,13 +146,14 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
 }
 
 fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> Report {
+    let u_um = expanded_um(rule, errors.length_m());
     let mut answers: Vec<Callout> = rows.iter().filter_map(Row::answer).collect();
     // Once for all limits: it is the same.
     if let Some(last) = answers.last_mut() {
         last.text.push_str(&format!(" Decision rule: {}.", rule.words()));
     }
     let mut sections: Vec<Section> = answers.into_iter().map(Section::Callout).collect();
-    let figures = rows.iter().filter_map(|row| row.figure(rule)).collect();
+    let figures = rows.iter().filter_map(|row| row.figure(u_um)).collect();
     sections.push(Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures }));
     sections.push(departure_callout(STANDARD, &errors.departures));
     let residuals = &errors.sphere.residuals_m;
