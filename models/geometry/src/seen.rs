@@ -74,25 +74,25 @@ pub struct Difference {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Apart {
     pub(crate) own: Usual,
-    other: Usual,
+    other: String,
     range_k: (f64, f64),
 }
 
 impl Apart {
     pub(crate) fn new(difference: &Difference, seen: &BTreeMap<String, (f64, f64)>) -> Apart {
-        let usual = |name: &String| Usual { name: name.clone(), range: seen.get(name).copied() };
-        Apart { own: usual(&difference.name), other: usual(&difference.less), range_k: difference.range }
+        let own = Usual { name: difference.name.clone(), range: seen.get(&difference.name).copied() };
+        Apart { own, other: difference.less.clone(), range_k: difference.range }
     }
 
     /// What is read, and what it stood to.
     pub(crate) fn names(&self) -> (&str, &str) {
-        (&self.own.name, &self.other.name)
+        (&self.own.name, &self.other)
     }
 
     /// The temperature (°C) that would be no further from the other than in the campaign, where it is further, and whether that is
     /// more than chance: beyond by more than the range of differences is wide, and by a usual change.
     pub(crate) fn beyond(&self, state: &State) -> Option<(f64, bool)> {
-        let (own_c, other_c) = (state.covariate(&self.own.name).ok()?, state.covariate(&self.other.name).ok()?);
+        let (own_c, other_c) = (state.covariate(&self.own.name).ok()?, state.covariate(&self.other).ok()?);
         let (low_k, high_k) = self.range_k;
         let difference_k = own_c - other_c;
         let beyond_k = difference_k - difference_k.max(low_k).min(high_k);
