@@ -311,8 +311,8 @@ fn departures(test: &LengthTest, sets: &[LengthSet], lines: &[LineSummary]) -> V
         found.push(Departure::new("test", text));
     }
     if test.probing == Probing::Unidirectional {
-        let text = "the ends were probed from the same side, so that errors of probe and tip diameter cancel; probe from opposite sides, \
-                    or measure as well a short calibrated length from opposite sides in the same places";
+        let text = "the ends were probed from the same side, so that errors of probe and tip diameter cancel; probe from opposite sides: the \
+                    short calibrated length that ISO 10360-2 has probed so beside such data, in the same places, is not among them";
         found.push(Departure::new("test", text));
     }
     if test.tool_offset_m > 0.0 && test.tool_offset_m < SHORT_OFFSET_M {

@@ -235,7 +235,7 @@ fn regress_ends_that_were_probed_from_one_side_are_no_whole_test() {
     test.probing = Probing::Unidirectional;
     let errors = evaluate(test, &measurements).unwrap();
     let told: Vec<String> = errors.departures.iter().map(ToString::to_string).collect();
-    assert!(told.len() == 1 && told[0].contains("short calibrated length from opposite sides"), "{told:?}");
+    assert!(told.len() == 1 && told[0].contains("probe from opposite sides: the short calibrated length"), "{told:?}");
     let limit = MaximumPermissibleError::from_text("9").unwrap();
     assert!(!errors.verdict(&limit, None, &DecisionRule::SimpleAcceptance).is_whole_test);
 }
