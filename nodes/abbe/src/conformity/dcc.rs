@@ -270,7 +270,7 @@ mod tests {
 
     use super::*;
     use crate::conformity::Figure;
-    use abbe_conformity::Verdict;
+    use abbe_conformity::{DecisionRule, Verdict};
     use abbe_report::{Identity, Report};
     use std::process::Command;
 
@@ -280,7 +280,7 @@ mod tests {
             value_m,
             expanded_m,
             limit_m: Some(3.3e-6),
-            verdict: Some(Verdict::Conforms),
+            verdict: Some((Verdict::Conforms, DecisionRule::SimpleAcceptance)),
         };
         Product {
             words: String::new(),
