@@ -28,6 +28,16 @@ pub enum DiagnoseError {
     /// The observer said stop.
     #[error("stopped before the end; nothing was changed")]
     Stopped,
+    /// A row that a study without a chain cannot use.
+    #[error("row {}: {problem}; {remedy}", row + 1)]
+    Row {
+        /// Its place among the rows given, from 0.
+        row: usize,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        remedy: String,
+    },
     /// Data that a study without a chain cannot use.
     #[error("{problem}; {remedy}")]
     Data {

@@ -370,3 +370,58 @@ fn readings_in_whole_steps_are_told_where_rounding_is_much_of_their_scatter() {
     assert!(coarse.is_noise.is_none());
     assert_eq!(told(&shown(0.1 * SIGMA_M)), None);
 }
+
+fn refused(runs: &[Run]) -> String {
+    diagnose(runs, &StudyOptions::default()).unwrap_err().to_string()
+}
+
+/// Both were candidates of a model's one axis, so that it was corrected twice over: 11.3 µm where 5.6 were due, at U of 1.
+#[test]
+fn regress_one_axis_under_two_names_is_refused() {
+    let mut runs = measured(PLAN, |x, _, _, _| 8e-6 * x, 4);
+    let first = runs.len();
+    let small = |run: &Run| Run { axis: "x".to_owned(), cycle: run.cycle + 5, ..run.clone() };
+    runs.extend(runs.clone().iter().map(small));
+    let said = refused(&runs);
+    assert!(said.starts_with(&format!("row {}: axis X is called x here", first + 1)), "{said}");
+}
+
+/// Two sessions that were each counted from 1 were laid over each other: a step of 30 µm between them was 19 µm of noise.
+#[test]
+fn regress_cycles_that_stand_twice_are_refused_and_numbered_on_they_show_the_step() {
+    let morning = measured(PLAN, |_, _, _, _| 0.0, 4);
+    let afternoon = |cycles: i64| {
+        let moved = |run: Run| Run {
+            measured_m: run.measured_m + 30e-6,
+            cycle: run.cycle + cycles,
+            time_s: run.time_s.map(|time_s| time_s + 7200.0),
+            ..run
+        };
+        measured(PLAN, |_, _, _, _| 0.0, 5).into_iter().map(moved).collect::<Vec<Run>>()
+    };
+    let said = refused(&[morning.clone(), afternoon(0)].concat());
+    let wanted =
+        format!("row {}: axis X, target 0.0000 mm, cycle 1: the approach from this direction (+)", morning.len() + 1);
+    assert!(said.starts_with(&wanted) && said.contains("number the cycles"), "{said}");
+    let told = diagnose(&[morning.clone(), afternoon(5)].concat(), &StudyOptions::default()).unwrap();
+    assert!(names(&told).iter().any(|name| name.starts_with("step")), "{:?}", names(&told));
+    // Rows that were written twice are no second session.
+    let copied = diagnose(&[morning.clone(), morning.clone()].concat(), &StudyOptions::default()).unwrap();
+    assert_eq!(copied.rows, morning.len());
+}
+
+/// Where a line lies was taken for a quantity like a temperature, and no reading had it: every corrected row lacked a covariate.
+#[test]
+fn regress_positions_of_other_axes_are_no_covariate_of_runs() {
+    for name in ["y_mm", "Z_um", "x_m"] {
+        let mut runs = measured(PLAN, |x, _, _, _| 8e-6 * x, 4);
+        for run in &mut runs {
+            run.covariates.insert(name.to_owned(), 250.0 * (run.cycle % 2) as f64);
+        }
+        let said = refused(&runs);
+        assert!(
+            said.contains(&format!("column {name} holds positions")) && said.contains("a file of their own"),
+            "{said}"
+        );
+    }
+}

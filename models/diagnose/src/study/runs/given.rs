@@ -2,17 +2,20 @@
 //!
 //! Place in the flow: first step of the study of runs.
 
-use super::Run;
 use super::positions::key;
+use super::{Approach, Run};
 use crate::error::DiagnoseError;
 use crate::logs::mended_rows;
-use std::collections::BTreeSet;
+use abbe_geometry::Axis;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Median distance of the errors of an axis from their median (m), from which they are in another unit: poor axes of
 /// several metres stay below a tenth of it.
 const ANOTHER_UNIT_M: f64 = 1e-3;
 /// Rows named in one sentence.
 const NAMED: usize = 8;
+/// Units in which a column of positions may stand.
+const LENGTHS: [&str; 3] = ["mm", "um", "m"];
 
 /// Rows that count, in the order given, and what a reader must know.
 pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseError> {
@@ -26,6 +29,8 @@ pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseE
             return data(format!("run {} holds a figure that is not finite", k + 1), "remove or correct it");
         }
     }
+    one_name_an_axis(runs)?;
+    no_positions(runs)?;
     let axes: BTreeSet<&str> = runs.iter().map(|run| run.axis.as_str()).collect();
     for axis in axes {
         let own = || runs.iter().filter(|run| run.axis == axis);
@@ -47,7 +52,66 @@ pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseE
             return data(problem, "micrometres seem to stand in columns of millimetres: divide them by a thousand");
         }
     }
-    Ok(once(runs))
+    let (rows, notes) = once(runs);
+    no_approach_twice(runs, &rows)?;
+    Ok((rows, notes))
+}
+
+/// Refuses an axis under two names: each would be corrected by itself, and the machine by both.
+fn one_name_an_axis(runs: &[Run]) -> Result<(), DiagnoseError> {
+    let mut names: BTreeMap<String, &str> = BTreeMap::new();
+    for (row, run) in runs.iter().enumerate() {
+        let first = *names.entry(run.axis.trim().to_ascii_lowercase()).or_insert(&run.axis);
+        if first != run.axis {
+            return Err(DiagnoseError::Row {
+                row,
+                problem: format!("axis {first} is called {} here: these are one axis of a machine", run.axis),
+                remedy: format!("write {first} in every row, and go on counting its cycles"),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Refuses positions of the machine as a quantity logged: no sample could say them beside its own readings.
+fn no_positions(runs: &[Run]) -> Result<(), DiagnoseError> {
+    let is_position = |name: &&String| {
+        let name = name.to_ascii_lowercase();
+        let of_axis = |axis: Axis| name.strip_prefix(axis.lower()).and_then(|rest| rest.strip_prefix('_'));
+        Axis::ALL.into_iter().filter_map(of_axis).any(|unit| LENGTHS.contains(&unit))
+    };
+    match runs.iter().flat_map(|run| run.covariates.keys()).find(is_position) {
+        None => Ok(()),
+        Some(name) => Err(DiagnoseError::Data {
+            problem: format!("the column {name} holds positions: runs are told along one line, and no model of them reads where it lies"),
+            remedy: "write the runs of each line to a file of their own, without that column; to see how an error depends on the \
+                     positions of other axes, give residual vectors"
+                .to_owned(),
+        }),
+    }
+}
+
+/// Refuses a cycle in which an approach stands twice with another result: sessions that were each counted from 1 would be taken for one,
+/// and what differs between them for scatter.
+fn no_approach_twice(runs: &[Run], rows: &[usize]) -> Result<(), DiagnoseError> {
+    let mut seen = BTreeSet::new();
+    for row in rows.iter().copied() {
+        let run = &runs[row];
+        if !seen.insert((run.axis.as_str(), key(run.target_m), run.approach, run.cycle)) {
+            let sign = if run.approach == Approach::Positive { '+' } else { '-' };
+            return Err(DiagnoseError::Row {
+                row,
+                problem: format!(
+                    "axis {}, target {:.4} mm, cycle {}: the approach from this direction ({sign}) stands twice",
+                    run.axis,
+                    run.target_m * 1e3,
+                    run.cycle
+                ),
+                remedy: "number the cycles 1, 2, 3 on through all sessions, and give each approach once".to_owned(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The runs with what was logged beside them mended, as that of a campaign is, and what was done.
