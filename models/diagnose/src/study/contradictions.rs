@@ -2,11 +2,12 @@
 //!
 //! Place in the flow: after everything is found. A plate that lies on the table again, or years later, must tell the same of the machine; where
 //! it does not, the mean of its poses is that of none, and its u knows nothing of it. Each pose gets a size of its own, beside all else that
-//! was found; whether these differ is tested in whatever noise the rows leave possible ([`super::significance`]).
+//! was found; whether these differ is tested in whatever noise the rows leave possible ([`super::significance`]). What has a name and was
+//! not found is tested as well: 15 µrad in one pose and −15 in the other are nothing on average.
 
 use super::candidate::PoseRows;
-use super::fit::{Fit, Fitted};
-use super::significance::probability;
+use super::fit::Fit;
+use super::significance::{probability, probability_beside};
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::joined;
@@ -22,18 +23,50 @@ pub(super) fn contradictions(view: &View, fit: &Fit, significance: f64) -> Resul
     if poses.len() < 2 {
         return Ok(Vec::new());
     }
-    let mut words = Vec::new();
-    for fitted in &fit.added {
-        let each = of_each_pose(view, fit, fitted.candidate, &poses);
+    let found = fit.set();
+    let is_name = |k: &usize| view.study.candidates()[*k].comes_first && !found.contains(k);
+    let mut names: Vec<usize> = (0..view.study.candidates().len()).filter(is_name).collect();
+    let tested = (found.len() + names.len()) as f64;
+    let (mut words, mut beside) = (Vec::new(), Mat::zeros(view.len(), 0));
+    for candidate in found {
+        let each = of_each_pose(view, fit, candidate, &poses);
         // The first pose has the size of all; the others may depart from it.
         let p_value = probability(view, fit, &joined(&each[1..]))?;
-        if p_value * fit.added.len() as f64 <= significance {
-            let name = &view.study.candidates()[fitted.candidate].name;
-            let sizes = sizes(view, fit, fitted, &each, &poses)?;
-            words.push(format!("{name} is not the same in all poses (p = {p_value:.1e} by chance){sizes}"));
+        if p_value * tested <= significance {
+            words.push(said(view, fit, (candidate, p_value), &beside, (&each, &poses))?);
+            beside = joined(&[beside, joined(&each[1..])]);
         }
     }
+    // What was not found lacks a size of all in the fit. The surest goes first: others may only follow from it.
+    while !names.is_empty() {
+        let mut tried = Vec::with_capacity(names.len());
+        for candidate in names.iter().copied() {
+            let each = of_each_pose(view, fit, candidate, &poses);
+            let further = joined(&[beside.clone(), (*view.columns(&fit.point, candidate)).clone()]);
+            tried.push((probability_beside(view, fit, &further, &joined(&each[1..]))?, candidate, each));
+        }
+        let Some((p_value, candidate, each)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        if p_value * tested > significance {
+            break;
+        }
+        words.push(said(view, fit, (candidate, p_value), &beside, (&each, &poses))?);
+        beside = joined(&[beside, joined(&each)]);
+        names.retain(|own| *own != candidate);
+    }
     Ok(words)
+}
+
+/// A contradiction in words.
+fn said(
+    view: &View,
+    fit: &Fit,
+    (candidate, p_value): (usize, f64),
+    beside: &Mat<f64>,
+    (each, poses): (&[Mat<f64>], &[PoseRows]),
+) -> Result<String, DiagnoseError> {
+    let name = &view.study.candidates()[candidate].name;
+    let sizes = sizes(view, fit, candidate, beside, (each, poses))?;
+    Ok(format!("{name} is not the same in all poses (p = {p_value:.1e} by chance){sizes}"))
 }
 
 /// Columns of a candidate that act in one pose alone, for each pose.
@@ -50,13 +83,14 @@ fn of_each_pose(view: &View, fit: &Fit, candidate: usize, poses: &[PoseRows]) ->
 fn sizes(
     view: &View,
     fit: &Fit,
-    fitted: &Fitted,
-    each: &[Mat<f64>],
-    poses: &[PoseRows],
+    candidate: usize,
+    beside: &Mat<f64>,
+    (each, poses): (&[Mat<f64>], &[PoseRows]),
 ) -> Result<String, DiagnoseError> {
-    let [spec] = &view.study.candidates()[fitted.candidate].parameters[..] else { return Ok(String::new()) };
-    let without = Fit::without(view, &fit.set(), fitted.candidate)?;
-    let group = without.linear.project(view.whitened(&joined(each)).as_ref());
+    let [spec] = &view.study.candidates()[candidate].parameters[..] else { return Ok(String::new()) };
+    let without = Fit::without(view, &fit.set(), candidate)?;
+    let linear = without.with_columns(view.whitened(beside).as_ref())?;
+    let group = linear.project(view.whitened(&joined(each)).as_ref());
     // A pose in which nothing is left of it beside its own motion tells no size.
     if (0..each.len()).any(|k| group.left[(k, k)] <= LEFT * group.alone[(k, k)]) {
         return Ok(String::new());

@@ -29,6 +29,7 @@ mod places;
 mod placing;
 mod reasons;
 pub mod runs;
+mod scatter_left;
 mod scored;
 mod search;
 mod series;

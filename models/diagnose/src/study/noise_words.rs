@@ -106,7 +106,8 @@ pub(super) fn looks(
                 }
                 Some(p) => format!("nothing (smallest p after Holm {p:.2})"),
             },
-            is_noise: least.map(|_| !is_found),
+            // What noise as estimated does not do is told, whether slower noise may or not.
+            is_noise: least.filter(|p| is_found || *p > options.significance).map(|_| !is_found),
         }
     }));
     looks.extend(lack_of_fit.map(|test| Look {

@@ -63,7 +63,7 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     let is_open = |look: &&library::Look| look.is_noise != Some(true);
     let open: Vec<String> = diagnosis.looked.iter().filter(is_open).map(look).collect();
     if diagnosis.consistent_with_noise && !open.is_empty() {
-        words = format!("{words} Not all could be looked at: {}.", open.join("; "));
+        words = format!("{words} Not all is told by them: {}.", open.join("; "));
     } else if diagnosis.effects.is_empty() && !open.is_empty() {
         words = format!("{words} Looked at: {}.", open.join("; "));
     }
@@ -73,10 +73,10 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
         words.push_str(" That gain is not sure: the parts differ by as much.");
     }
     if !diagnosis.contradictions.is_empty() {
-        let all = diagnosis.contradictions.join("; ");
-        words = format!(
-            "{words} The data contradict themselves: {all}. What was found is a mean of these, and its u knows nothing of that."
-        );
+        words = format!("{words} The data contradict themselves: {}.", diagnosis.contradictions.join("; "));
+        if !diagnosis.effects.is_empty() {
+            words.push_str(" What was found is a mean of these, and its u knows nothing of that.");
+        }
     }
     words.extend(diagnosis.hidden.iter().map(|what| format!(" Not seen, and in no uncertainty: {what}.")));
     // A row of a file of vectors has three.
