@@ -85,7 +85,10 @@ pub(super) fn diagnose(
         false => doubts(&view, &last, &effects, options.significance)?,
     };
     let known = |candidate| known(&view, &last, candidate);
-    let open = Open { found: &found.set, is_kept: &|row| !left_out.contains(&row), known: &known };
+    let values = |candidate| {
+        last.added.iter().find(|own| own.candidate == candidate).map_or_else(Vec::new, |own| own.values.clone())
+    };
+    let open = Open { found: &found.set, is_kept: &|row| !left_out.contains(&row), known: &known, values: &values };
     let terms = with_deviations(terms(&*view.study, &last, &u, &doubts, &open), &view, &last);
     effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);

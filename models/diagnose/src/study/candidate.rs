@@ -97,6 +97,8 @@ pub(crate) struct Open<'a> {
     /// Standard uncertainty of the first parameter of a candidate that was not found, beside all that was (SI); `None` where the data say
     /// nothing of it.
     pub(crate) known: &'a dyn Fn(usize) -> Option<f64>,
+    /// Values of a candidate found (SI).
+    pub(crate) values: &'a dyn Fn(usize) -> Vec<f64>,
 }
 
 /// Name and rows of the study of a pose.

@@ -3,9 +3,11 @@
 //! Place in the flow: stands before the study of vectors where the points of a plate are named and it was turned. With
 //! r_p the residuals of one point in its poses, R_p the turn of the plate and d the plate's own error there,
 //! R_pᵀ r_p = R_pᵀ e(x_p) − d + noise: orthonormal contrasts over the poses (Helmert) hold no d, and white noise stays
-//! white. Rows are these contrasts, three a contrast, in the frame of the first pose. What every contrast is blind to is
-//! the plate's scale; the study then names the difference of the axes' scales. Source: Raugh 1985, Precision Engineering
-//! 7(1), 3-13 (self-calibration by turned artefacts).
+//! white. Rows are these contrasts, three a contrast, in the frame of the first pose. Every contrast is blind to fields that
+//! turn with the plate: its scale, so that the study names the difference of the axes' scales, and others ([`blind`]).
+//! Source: Raugh 1985, Precision Engineering 7(1), 3-13 (self-calibration by turned artefacts).
+
+mod blind;
 
 use super::ResidualVector;
 use super::blocks::blocks;
@@ -14,7 +16,7 @@ use super::problem::Vectors;
 use super::quantities::POSITION;
 use crate::error::DiagnoseError;
 use crate::score::LEFT;
-use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
+use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Open, Question, Study, Untold};
 use crate::study::combinations::combinations;
 use crate::study::outcome::Untestable;
 use crate::study::smooth::{legendre, range};
@@ -83,6 +85,7 @@ pub(super) fn contrasts(study: &Vectors) -> Result<Option<Contrasts>, DiagnoseEr
 pub(super) struct Turned<'a> {
     inner: Vectors<'a>,
     list: Vec<Contrast>,
+    plane: (usize, usize),
     blocks: Vec<Vec<usize>>,
     block_word: String,
     chains: Vec<Chain>,
@@ -107,7 +110,8 @@ impl<'a> Turned<'a> {
         let rows =
             |block: Vec<usize>| block.into_iter().flat_map(|c| measured.iter().map(move |d| 3 * c + d)).collect();
         let blocks = members.into_iter().map(rows).collect();
-        let mut turned = Turned { inner, list, blocks, block_word: format!("{word} on the plate"), chains: Vec::new() };
+        let mut turned =
+            Turned { inner, list, plane, blocks, block_word: format!("{word} on the plate"), chains: Vec::new() };
         turned.chains = measured.iter().map(|d| turned.chain(*d, &places, plane)).collect::<Result<_, _>>()?;
         Ok(turned)
     }
@@ -157,6 +161,10 @@ impl<'a> Turned<'a> {
         let turned = self.turned(before);
         let (left, alone) = (turned.transpose() * &turned, before.transpose() * before);
         &turned * combinations(&left, &alone, LEFT)
+    }
+
+    fn plane(&self) -> [Axis; 2] {
+        [Axis::ALL[self.plane.0], Axis::ALL[self.plane.1]]
     }
 
     /// Rows of vectors as rows of contrasts.
@@ -302,7 +310,18 @@ impl Study for Turned<'_> {
             "a scale that {} have in common: the plate's own scale is one of the unknowns, and a calibrated length tells it",
             axes.join(" and ")
         );
-        self.inner.hidden().into_iter().chain([scale]).collect()
+        let cubic = self.hides_a_common_cubic().then(|| {
+            format!(
+                "any other error that turns with the plate, such as one cubic that {} have in common: the plate moved by a part of its \
+                 length in a further pose, or a calibrated line along each axis, tells it",
+                axes.join(" and ")
+            )
+        });
+        self.inner.hidden().into_iter().chain([scale]).chain(cubic).collect()
+    }
+
+    fn untold(&self, open: &Open) -> Vec<Untold> {
+        self.untold_of_turns(open)
     }
 
     fn untestable(&self) -> Vec<Untestable> {

@@ -176,6 +176,17 @@ impl Vectors<'_> {
         }
     }
 
+    /// The component that a smooth form moves; `None` of any other candidate.
+    pub(in crate::study::vectors) fn smooth_on(&self, candidate: usize) -> Option<Axis> {
+        let Part::Smooth(axis, _) = &self.parts[candidate] else { return None };
+        Some(*axis)
+    }
+
+    /// Positions along an axis, where they vary.
+    pub(in crate::study::vectors) fn position(&self, axis: Axis) -> Option<&Quantity> {
+        self.quantities.iter().find(|quantity| quantity.name == POSITION[axis.index()])
+    }
+
     /// What a reader must know.
     pub(super) fn told(&self) -> Vec<String> {
         let mut notes = vec![
