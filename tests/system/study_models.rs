@@ -275,3 +275,94 @@ fn regress_a_side_that_nobody_measured_is_in_the_uncertainty_of_what_comes_from_
     let (own, other, nobody_says) = (u_um("-1"), u_um("1"), u_um(""));
     assert!(own < 10.0 && other > 50.0 && nobody_says > 25.0, "{own} {other} {nobody_says}");
 }
+
+/// Two lines of X in one file that call it X and x, and cycles that begin again: with the line at which they do.
+#[test]
+fn runs_that_no_model_can_be_made_of_are_refused_with_their_line() {
+    let bench = Bench::empty();
+    let table = runs(&logged(3));
+    let (header, rows) = table.split_once('\n').unwrap();
+    let (machine, out) = (text(&machine()), bench.text("out"));
+    let mut refuse = |content: String, says: &[&str]| {
+        let campaign = bench.write("again.csv", content);
+        refused(&bench, &["diagnose", "--campaign", &campaign, "--machine", &machine, "--out", &out], says);
+    };
+    let line = format!("line {}", 2 + rows.lines().count());
+    let small = rows.replace("X,", "x,");
+    refuse(format!("{header}\n{rows}{small}"), &["again.csv", &line, "axis X is called x here"]);
+    let later: String = rows.lines().map(|row| format!("{row}1\n")).collect();
+    refuse(format!("{header}\n{rows}{later}"), &["again.csv", &line, "stands twice", "number the cycles 1, 2, 3"]);
+    let lines: String = rows.lines().enumerate().map(|(k, row)| format!("{row},{}\n", 250 * (k % 3))).collect();
+    refuse(format!("{header},y_mm\n{lines}"), &["again.csv", "y_mm holds positions"]);
+}
+
+/// A machine of which X bends, and Y leans as well.
+fn known_points(seed: u64, lean: f64) -> String {
+    let mut state = seed;
+    let mut table =
+        "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,actual_x_mm,actual_y_mm,actual_z_mm\n".to_owned();
+    for x in (40..=760).step_by(120) {
+        for y in (40..=560).step_by(130) {
+            for z in [100, 300, 500] {
+                let [a, b, c] = [0, 1, 2].map(|_| 0.2 * normal(&mut state));
+                let bend = 8.0 * ((f64::from(x) - 400.0) / 360.0).powi(2) - lean * f64::from(y) / 1e3;
+                let actual = [(x, a + bend), (y, b), (z, c)].map(|(mm, um)| format!("{:.6}", f64::from(mm) + um / 1e3));
+                table += &format!("{x},{y},{z},0,0,0,{}\n", actual.join(","));
+            }
+        }
+    }
+    table
+}
+
+/// What a model leaves became a model by itself that had forgotten the first: 2.9 µm with it, 5.0 with what should have been better.
+#[test]
+fn regress_what_residuals_of_a_model_show_is_added_to_that_model() {
+    let bench = Bench::empty();
+    let machine = text(&machine());
+    let leaning = bench.write("q.csv", known_points(4, 20.0));
+    let (none, first) = (bench.text("none.csv"), bench.text("first/model.json"));
+    // A first model of the bend alone, from vectors of no model.
+    let plain: Vec<String> = known_points(3, 0.0).lines().skip(1).map(vector_of).collect();
+    let plain = format!("x_mm,y_mm,z_mm,res_x_um,res_y_um,res_z_um\n{}", plain.concat());
+    let plain = bench.write("plain.csv", plain);
+    run(["diagnose", "--residuals", &plain, "--machine", &machine, "--out", &bench.text("first")]).ok();
+    let residuals = bench.text("left.csv");
+    run(["residuals", "--model", &first, "--campaign", &leaning, "--u-actual-um", "0.2", "--out", &residuals]).ok();
+    run(["diagnose", "--residuals", &residuals, "--model", &first, "--out", &bench.text("second")]).ok();
+    let second = bench.text("second/model.json");
+    let left_um = |model: &str, points: &str| {
+        drop(run(["correct", "--model", model, "--in", points, "--out", &bench.text("c.csv")]));
+        let rows = columns(&bench.read("c.csv"), ["corrected_x_mm", "actual_x_mm", "u_x_um"]);
+        let errors: Vec<f64> = rows.iter().map(|[x, actual, _]| (x - actual) * 1e3).collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        (rms(errors.iter().map(|error| error - mean)), rms(rows.iter().map(|[.., u]| *u)))
+    };
+    let (before, after) = (left_um(&first, &leaning), left_um(&second, &leaning));
+    assert!(before.0 > 2.0 && after.0 < 1.0, "{before:?} -> {after:?}");
+    // The covariance of both is there.
+    assert!(after.1 > before.1, "{before:?} -> {after:?}");
+    let found: Value = serde_json::from_str(&bench.read("second/diagnosis.json")).unwrap();
+    assert_eq!(found["model"]["file"], "model.json");
+    let names = bench.read("second/model.json");
+    assert_says(&names, &["plain.csv", "left.csv"]);
+
+    // By the machine alone, and beside a model that did not leave them, nothing is made that corrects.
+    let said = run(["diagnose", "--residuals", &residuals, "--machine", &machine, "--out", &bench.text("alone")]).ok();
+    assert_says(&said, &["No model file was made: these vectors are what a model leaves", "--model"]);
+    assert!(!bench.path("alone/model.json").exists());
+    let said = run(["diagnose", "--residuals", &plain, "--model", &first, "--out", &bench.text("alone")]).ok();
+    assert_says(&said, &["No model file was made: plain.csv does not say which model leaves"]);
+    assert!(!bench.path("alone/model.json").exists());
+    refused(
+        &bench,
+        &["diagnose", "--residuals", &residuals, "--model", &second, "--out", &none],
+        &["left.csv", "another model leaves these residuals"],
+    );
+}
+
+/// Residual in µm of a row of known points, aligned as they stand.
+fn vector_of(row: &str) -> String {
+    let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+    let um = |k: usize| (cells[6 + k] - cells[k]) * 1e3;
+    format!("{},{},{},{:.4},{:.4},{:.4}\n", cells[0], cells[1], cells[2], um(0), um(1), um(2))
+}

@@ -14,7 +14,7 @@ use crate::progress::{Parts, Told};
 use crate::stop;
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
-use abbe_files::{Days, read_machine};
+use abbe_files::{Days, read_machine, read_residual_origin};
 use abbe_report::Identity;
 use abbe_report::diagnosis::DiagnosisReport;
 use abbe_runtime::Shutdown;
@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     campaign: Option<PathBuf>,
     #[command(flatten)]
     join: BagJoin,
-    /// Residual vectors of any other calibration (CSV); with --model, its machine is the chain behind them
+    /// Residual vectors of any other calibration (CSV), or of `abbe residuals`: with the model that leaves them, what is found is added to it
     #[arg(long, conflicts_with = "verify")]
     residuals: Option<PathBuf>,
     /// Folder for report.html, diagnosis.json and model.json; what was there is replaced at the end
@@ -146,6 +146,9 @@ fn next(arguments: &Arguments, product: &Product) -> Next {
                 .text(KNOWN_POINTS)
         }
         (Some(_), ..) => Next::new("to correct readings with it", "correct").file("--model", &model).text(READINGS),
+        (None, Some(given), _) if found => Next::new("to have residuals that say which model leaves them", "residuals")
+            .file("--model", given)
+            .text("--campaign CAMPAIGN.csv --out residuals.csv"),
         (None, ..) if found => {
             let data = [("--campaign", &arguments.campaign), ("--residuals", &arguments.residuals)];
             let what_for = match product.without_model.is_empty() {
@@ -155,7 +158,9 @@ fn next(arguments: &Arguments, product: &Product) -> Next {
             let next = Next::new(what_for, "diagnose");
             let named = data.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?)));
             let next = named.fold(next, |next, (option, path)| next.file(option, path));
+            let of_model = arguments.residuals.as_deref().map(read_residual_origin);
             let next = match &arguments.machine {
+                _ if matches!(of_model, Some(Ok(Some(_)))) => next.text("--model MODEL.json"),
                 Some(machine) => next.file("--machine", machine),
                 None => next.text("--machine MACHINE.toml"),
             };

@@ -8,6 +8,7 @@ mod pictures;
 mod record;
 mod scoring;
 pub(crate) mod study;
+mod study_added;
 mod study_model;
 mod study_record;
 pub(crate) mod tracer;
@@ -45,7 +46,7 @@ pub(crate) struct Product {
     pub(crate) report: DiagnosisReport,
     /// Bytes of the model file; `None` where the data belong to no model.
     pub(crate) model: Option<Vec<u8>>,
-    /// Why a machine was named and there is no model; empty where there is one, or none was asked for.
+    /// Why a machine or a model was named and there is no model; empty where there is one, or none was asked for.
     pub(crate) without_model: Vec<String>,
     /// Whether the study was stopped, and this is what it had found by then.
     pub(crate) is_partial: bool,

@@ -44,7 +44,7 @@ pub(super) fn model(
         seed: None,
         options,
         evidence: json!({ "study": diagnosis.of, "effects": effects }),
-        doubts: doubts(diagnosis, &machine.machine),
+        doubts: [nothing_else(diagnosis), doubts(diagnosis, &machine.machine)].concat(),
         software: software(),
     }))
 }
@@ -109,20 +109,26 @@ fn covariance(layout: &Layout, machine: &Machine, terms: &Terms) -> Vec<f64> {
     triangle
 }
 
-/// What whoever corrects with it must know.
-fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
+/// That a model holds what was found, and nothing else.
+fn nothing_else(diagnosis: &StudyDiagnosis) -> Vec<Doubt> {
     let terms = &diagnosis.terms;
     let letters = |is_measured: bool| -> String {
         let own = Axis::ALL.into_iter().filter(|axis| terms.deviations_m[axis.index()].is_some() == is_measured);
         own.map(Axis::letter).collect()
     };
-    let mut texts = vec![format!(
+    warnings(vec![format!(
         "it holds what {} showed along {}, and nothing else of the machine: what was not measured is neither corrected nor in the \
          uncertainty, such as angles, straightness and squareness where only positions were measured{}",
         diagnosis.of,
         letters(true),
         if letters(false).is_empty() { String::new() } else { format!(", and all of {}", letters(false)) },
-    )];
+    )])
+}
+
+/// What whoever corrects with what was found must know.
+pub(super) fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
+    let terms = &diagnosis.terms;
+    let mut texts = Vec::new();
     let beyond = Axis::ALL.into_iter().filter_map(|axis| {
         let ((low_m, high_m), (from_m, to_m)) = (terms.readings_m[axis.index()]?, machine.stroke_m[axis.index()]);
         (low_m < from_m - BESIDE_M || high_m > to_m + BESIDE_M).then(|| {
@@ -164,5 +170,9 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
     let left_out =
         terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));
     texts.extend(left_out);
+    warnings(texts)
+}
+
+fn warnings(texts: Vec<String>) -> Vec<Doubt> {
     texts.into_iter().map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text }).collect()
 }
