@@ -375,6 +375,25 @@ fn regress_one_bad_line_and_one_bad_offset_are_named() {
     assert!(rejected(&verdict).causes.iter().any(|cause| matches!(cause, Cause::Offset { .. } | Cause::Lacks)));
 }
 
+/// Second and third offset of a campaign wrong by 0.1 mm: the refusal spoke of uncertainties and of effects alone.
+#[test]
+fn regress_a_misfit_where_there_are_several_offsets_names_them() {
+    let case = case();
+    let stations_m = case.simulated.truth.stations_m.clone();
+    let (_, verdict, _) = judged(&case, |(_, r)| {
+        let off_m = match r.offset_m {
+            [x, ..] if x != 0.0 => Vector3::new(0.1e-3, 0.05e-3, -0.06e-3),
+            [_, y, _] if y != 0.0 => Vector3::new(0.04e-3, -0.08e-3, 0.06e-3),
+            _ => Vector3::zeros(),
+        };
+        let sight = (Vector3::from(r.reading_m) - Vector3::from(stations_m[r.station as usize])).normalize();
+        r.length_m += sight.dot(&off_m);
+    });
+    let refusal = verdict.refusal().unwrap();
+    assert!(refusal.contains("offsets is not what the campaign says"), "{refusal}");
+    assert!(refusal.contains("--accept-misfit, and abbe diagnose after it"), "{refusal}");
+}
+
 #[test]
 fn regress_lengths_in_micrometres_and_a_reversed_axis_are_among_the_causes_named() {
     let case = case();

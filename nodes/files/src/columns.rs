@@ -52,6 +52,10 @@ pub(crate) const ACTUAL: [Known; 3] = [
     millimetres("actual_z_mm", "actual_z"),
 ];
 
+/// Signs that texts write for a minus: minus sign, hyphens, figure dash, dashes, small and wide hyphen.
+const OTHER_MINUS: [char; 9] =
+    ['\u{2212}', '\u{2010}', '\u{2011}', '\u{2012}', '\u{2013}', '\u{2014}', '\u{fe63}', '\u{ff0d}', '\u{2015}'];
+
 const TIME_REMEDY: &str = "write all times of a file in seconds (between two instants of a spreadsheet, (A3-A$2)*86400), or all as date and \
                            time of day, such as 2021-06-13T05:00:02";
 
@@ -329,7 +333,19 @@ impl Header {
         let (text, place) = (shown(cell), self.cell(line, column));
         let problem = match problem {
             NoNumber::Empty => "the cell is empty".to_owned(),
-            NoNumber::Text => format!("{text:?} is not a number"),
+            NoNumber::Text => {
+                let minus = text.chars().find(|sign| OTHER_MINUS.contains(sign));
+                if let Some(minus) = minus {
+                    let problem =
+                        format!("{text:?} is not a number: it has the sign {minus}, which only looks like a minus");
+                    return FileError::content(
+                        place,
+                        problem,
+                        "write the minus of the keyboard, -, in its place everywhere in the file",
+                    );
+                }
+                format!("{text:?} is not a number")
+            }
             NoNumber::NotFinite => format!("{text:?} is not a finite number"),
             NoNumber::TooLarge => format!("{text:?} is larger than anything measured"),
             NoNumber::Thousands => {

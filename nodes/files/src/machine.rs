@@ -77,6 +77,8 @@ pub(crate) fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileErr
     }
     let remedy = if message.contains("unknown field") {
         "correct the spelling or remove the key"
+    } else if message.contains("is neither that nor") {
+        "correct the spelling, or add the key"
     } else if message.contains("missing field") {
         "add the key"
     } else {

@@ -196,9 +196,16 @@ impl<'de> Visitor<'de> for ErrorFunctionsVisitor {
                 }
             }
         }
+        let missing = |field: &'static str| match by_error.keys().find(|key| ErrorId::from_name(key).is_none()) {
+            // Likelier misspelt than missing.
+            Some(other) => {
+                A::Error::custom(format!("missing field `{field}`; `{other}` is neither that nor the name of an error"))
+            }
+            None => A::Error::missing_field(field),
+        };
         Ok(ErrorFunctionsText {
-            order: order.ok_or_else(|| A::Error::missing_field("order"))?,
-            default: default.ok_or_else(|| A::Error::missing_field("default"))?,
+            order: order.ok_or_else(|| missing("order"))?,
+            default: default.ok_or_else(|| missing("default"))?,
             by_error,
         })
     }

@@ -25,6 +25,13 @@ fn assert_says(message: &str, parts: &[&str]) {
     }
 }
 
+/// A spreadsheet or a text program writes U+2212: "is not a number" left nothing to see.
+#[test]
+fn regress_a_minus_that_is_none_is_named() {
+    let message = refused(&[HEAD, &ROW_2.replace("-8.4489444", "\u{2212}8.4489444")]);
+    assert_says(&message, &["line 2", "length_mm", "only looks like a minus", "minus of the keyboard"]);
+}
+
 #[test]
 fn a_good_campaign_is_read_in_si_with_its_covariates() {
     let file = read(&[HEAD, ROW_1, ROW_2].join("\n")).unwrap();

@@ -315,52 +315,48 @@ fn heidenhain_tables_hold_both_sides_of_approach_where_the_model_has_them() {
     assert!(z.contains("BACKLASH is left out, as the model has no reversal"), "{z}");
 }
 
-/// Where a machine that is out of square by its model alone stands (m) when it reads so much.
-fn out_of_square(file: &ModelFile, reading_m: Vector3<f64>) -> Vector3<f64> {
-    let machine = &file.model.parts().machine;
-    let moved = machine.squareness.iter().enumerate().map(|(k, entry)| {
-        let axis = entry.tilts.index();
-        let way_m = reading_m[axis] - machine.stroke_m[axis].0;
-        entry.about.direction().cross(&entry.tilts.direction()) * (file.model.squareness(k).0 * way_m)
-    });
-    reading_m + moved.sum::<Vector3<f64>>()
-}
-
-/// Largest error of a distance between corners of a box (m), when readings are moved so.
-fn distance_error_m(file: &ModelFile, moved: impl Fn(Vector3<f64>) -> Vector3<f64>) -> f64 {
-    let corner = |k: usize| Vector3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64) * 0.1;
-    let pairs = (0..8).flat_map(|a| (0..a).map(move |b| (a, b)));
-    let error = |(a, b): (usize, usize)| {
-        let actual = |k: usize| out_of_square(file, moved(corner(k)));
-        ((actual(a) - actual(b)).norm() - (corner(a) - corner(b)).norm()).abs()
-    };
-    pairs.map(error).fold(0.0, f64::max)
-}
-
+/// A machine with errors so large that a point holds them with a magnification alone: every point is right to half of its unit, and each
+/// interval can be entered. Both a smaller and a larger step were refused.
 #[test]
-fn skew_of_klipper_and_reprapfirmware_makes_the_machine_square() {
-    let file = model();
-    let text = exported("klipper-skew", &file)[0].text.clone();
-    let factor = |name: &str| -> f64 {
-        text.lines().find_map(|line| line.strip_prefix(&format!("{name} = "))).unwrap().parse().unwrap()
-    };
-    let (xy, xz, yz) = (factor("xy_skew"), factor("xz_skew"), factor("yz_skew"));
-    let klipper = |p: Vector3<f64>| Vector3::new(p.x - p.y * xy - p.z * (xz - xy * yz), p.y - p.z * yz, p.z);
-    let text = exported("reprap-skew", &file)[0].text.clone();
-    let command = text.lines().find(|line| line.starts_with("M556")).unwrap();
-    let letter = |letter: &str| -> f64 {
-        command.split(' ').find_map(|word| word.strip_prefix(letter)).unwrap().parse().unwrap()
-    };
-    let span = letter("S");
-    let (tan_xy, tan_yz, tan_xz) = (letter("X") / span, letter("Y") / span, letter("Z") / span);
-    let reprap = |p: Vector3<f64>| Vector3::new(p.x + tan_xy * p.y + tan_xz * p.z, p.y + tan_yz * p.z, p.z);
-    let before_m = distance_error_m(&file, |p| p);
-    for (name, after_m) in [("klipper", distance_error_m(&file, klipper)), ("reprap", distance_error_m(&file, reprap))]
-    {
-        println!("{name}: {:.4} um -> {:.5} um", before_m * 1e6, after_m * 1e6);
-        // Products of angles, and the last decimal written.
-        assert!(before_m > 0.3e-6 && after_m < 0.002e-6, "{name}: {before_m} {after_m}");
+fn regress_fanuc_points_hold_large_errors_by_their_magnification() {
+    let mut file = model();
+    let parts = file.model.parts().clone();
+    let coefficients = parts.coefficients.iter().map(|value| 40.0 * value).collect();
+    let mut machine = parts.machine.clone();
+    machine.stroke_m[0].1 = 0.8123;
+    file.model = MachineModel::new(ModelParts { machine, coefficients, ..parts }).unwrap();
+    let errors = SampledErrors::of(&file.model, 0.8123 / 127.0).unwrap();
+    let Writer::Approaches(write) = format("fanuc-pitch").unwrap().writer else { panic!() };
+    let text = write(&About::new(&file, &[0xab; 32], "abbe test"), &errors).unwrap()[0].text.clone();
+    let part = text.split("\naxis ").nth(1).unwrap();
+    let entered = |number: u32| part.split(&format!("N{number} X ")).nth(1).unwrap().split_whitespace().next().unwrap();
+    let (unit_m, interval) = (entered(3623).parse::<f64>().unwrap() * 1e-6, entered(3624));
+    assert!(unit_m > 1e-6 && text.contains(&format!("of {} um miss by up to", unit_m * 1e6)), "{text}");
+    assert!(interval.split_once('.').unwrap().1.len() <= 3, "{interval}");
+    let points: Vec<f64> = part
+        .lines()
+        .map_while(|line| if line.starts_with("axis") { None } else { Some(line) })
+        .filter_map(|line| line.strip_prefix("point "))
+        .map(|line| numbers(line)[1])
+        .collect();
+    let lower_m = file.model.parts().machine.stroke_m[0].0;
+    let (mut sum, mut sums) = (0.0, Vec::new());
+    for (k, increment) in points.iter().enumerate() {
+        assert!(increment.abs() <= 7.0);
+        sum += increment;
+        let at_m = lower_m + interval.parse::<f64>().unwrap() / 1e3 * k as f64;
+        let wanted_m = error_m(&file, Axis::X, lower_m, true) - error_m(&file, Axis::X, at_m, true);
+        sums.push(wanted_m);
+        // Half a unit, and what the line between nodes misses.
+        assert!(
+            (sum * unit_m - wanted_m).abs() < 0.5 * unit_m + errors.axes[0].missed[0] + 1e-9,
+            "{at_m}: {sum} {wanted_m}"
+        );
     }
+    // The smallest that holds them.
+    let smaller_m = unit_m - 1e-6;
+    let rounded: Vec<f64> = sums.iter().map(|sum_m| (sum_m / smaller_m).round()).collect();
+    assert!(rounded.windows(2).any(|pair| (pair[1] - pair[0]).abs() > 7.0));
 }
 
 /// An axis measured in approaches in − only: tables said "in +", and a reversal of zero.
@@ -369,8 +365,7 @@ fn regress_a_side_that_nobody_measured_is_said_and_has_no_reversal() {
     let constant = Shape::new().text("axis", "x").number("terms", 1.0).number("low_m", 0.0).number("high_m", 1.0);
     let other_side = constant.text("by", "dir_x").number("by_zero", -1.0).number("by_unit", 2.0);
     let file = with_effects(&[("axis_term", other_side, vec![0.0])]);
-    // Not fanuc-pitch: its increments hold 7 µm from point to point, which this machine exceeds.
-    for name in ["siemens-enc-comp", "linuxcnc-comp", "csv"] {
+    for name in ["siemens-enc-comp", "linuxcnc-comp", "fanuc-pitch", "csv"] {
         let text = &exported(name, &file)[0].text;
         assert!(text.contains("NOT measured: X in approaches in +"), "{name}: {text}");
         assert!(text.contains("those of approaches in -"), "{name}: {text}");
@@ -421,12 +416,26 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
             && text.contains("C0Y,,0,,urad\n"),
         "{text}"
     );
+    // It moves Y with the reading of X, which is no positioning of Y: tables of zeros stood there.
     let refused = |name: &str| {
         let (Writer::Functions(write) | Writer::Approaches(write)) = format(name).unwrap().writer else { panic!() };
         write(&about(&file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap_err().to_string()
     };
-    assert!(refused("klipper-skew").contains("no squareness of its axes that was identified"));
-    // An effect acts along Y; the model says nothing of the others, and of none without it.
+    for name in ["linuxcnc-comp", "siemens-enc-comp", "heidenhain-style", "fanuc-pitch"] {
+        assert!(refused(name).contains("says nothing of the positioning of any axis"), "{name}");
+    }
+    assert!(text.contains(" EYY "), "{text}");
+    // A grid holds it, and does not say that the straightness or squareness that it is were nothing.
+    let told = about(&file).not_measured(format("volumetric-grid").unwrap()).join(" ");
+    assert!(told.contains("only this is here") && told.contains("acts y, p x_m"), "{told}");
+    // An effect acts along Y by the reading of Y; the model says nothing of the others, and of none without it.
+    let own = Shape::new().text("axis", "y").number("terms", 1.0).number("low_m", 0.0).number("high_m", 1.0);
+    let parts = file.model.parts().clone();
+    let effects = vec![MachineModel::fitted_effect("axis_term", own, &parts.machine, vec![3e-6]).unwrap()];
+    file.model = MachineModel::new(ModelParts { effects, ..parts }).unwrap();
+    let Writer::Factors(write) = format("klipper-skew").unwrap().writer else { panic!() };
+    let told = write(&about(&file), [0.0; 3]).unwrap_err().to_string();
+    assert!(told.contains("no squareness of its axes that was identified"), "{told}");
     let names: Vec<String> = exported("linuxcnc-comp", &file).into_iter().map(|file| file.name).collect();
     assert_eq!(names, ["head.txt", "y.comp"]);
     let files = exported("heidenhain-style", &file);

@@ -6,9 +6,7 @@ mod common;
 
 use abbe_field::{Grid, Table};
 use abbe_files::ModelFile;
-use abbe_files::export::{
-    About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m, of_places,
-};
+use abbe_files::export::{About, ExportedFile, FORMATS, SampledGrid, Writer, format, geometric_error_m, of_places};
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::sampled::SampledErrors;
 use std::collections::BTreeMap;
@@ -52,12 +50,8 @@ fn written(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
             write(&about(file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap()
         }
         Writer::Grid(write) => write(&about(file), &grid(file)).unwrap(),
+        Writer::Factors(write) => write(&about(file), OFFSET_M).unwrap(),
     }
-}
-
-/// Not a format whose increments hold 7 µm from point to point, which the machine here exceeds: `controllers.rs` reads it.
-fn holds_rough_errors(format: &Format) -> bool {
-    format.name != "fanuc-pitch"
 }
 
 /// Values by error name and position (mm as text), SI.
@@ -88,7 +82,7 @@ fn assert_holds_the_model(curves: &Curves, file: &ModelFile, linear_m: f64, angu
 #[test]
 fn every_format_says_in_its_head_what_its_numbers_mean_and_what_they_lack() {
     let file = model();
-    for format in FORMATS.iter().filter(|format| holds_rough_errors(format)) {
+    for format in FORMATS {
         let files = written(format.name, &file);
         let head = &files[0].text;
         let machine = &file.model.parts().machine.name;
@@ -97,8 +91,12 @@ fn every_format_says_in_its_head_what_its_numbers_mean_and_what_they_lack() {
             machine,
             &"ab".repeat(32),
             "units:",
-            "misses the model by at most",
+            match format.writer {
+                Writer::Factors(_) => "um rms after these factors",
+                _ => "misses the model by at most",
+            },
             "bed outwards",
+            "X turns (ox, oy + y, oz + z)",
         ] {
             assert!(head.contains(wanted), "{}: {wanted}", format.name);
         }
@@ -163,14 +161,15 @@ fn plain_csv_reads_back() {
 fn every_export_says_how_the_ram_stands_and_whether_it_holds_it() {
     let file = model();
     let turn = file.model.ram_turn().map(|(angle_rad, _)| format!("{:.3}", angle_rad * 1e6)).join(" ");
-    for format in FORMATS.iter().filter(|format| holds_rough_errors(format)) {
+    for format in FORMATS {
         let grid = matches!(format.writer, Writer::Grid(_));
         let headless = |exported: &&ExportedFile| exported.name.ends_with(".CMA") || exported.name.ends_with(".comp");
         for exported in written(format.name, &file).iter().filter(|exported| !headless(exported)) {
             let line = exported.text.lines().find(|line| line.contains("ram: ")).unwrap();
             assert!(line.contains(&format!("turned by {turn} urad")), "{line}");
             assert_eq!(line.contains("contained"), grid, "{line}");
-            assert_eq!(line.contains("NOT in the error functions"), !grid, "{line}");
+            let of_functions = !grid && !matches!(format.writer, Writer::Factors(_));
+            assert_eq!(line.contains("NOT in the error functions"), of_functions, "{line}");
         }
     }
 }

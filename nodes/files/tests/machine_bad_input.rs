@@ -35,6 +35,14 @@ fn refused(from: &str, to: &str, parts: &[&str]) {
 }
 
 #[test]
+fn regress_a_misspelt_default_is_named() {
+    let text = BRIDGE.replace("\ndefault = {", "\ndefalut = {");
+    let message = parse_machine(&text, "m.toml").unwrap_err().to_string();
+    assert!(message.contains("missing field `default`; `defalut` is neither"), "{message}");
+    assert!(message.contains("correct the spelling"), "{message}");
+}
+
+#[test]
 fn the_bridge_is_read_in_si_with_standard_uncertainties() {
     let file = bridge();
     assert_eq!(file.machine.stroke_m, [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)]);

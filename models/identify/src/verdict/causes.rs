@@ -94,6 +94,11 @@ pub enum Cause {
     Scattered,
     /// The model lacks an effect.
     Lacks,
+    /// One of several offsets is not what the campaign says of it.
+    Offsets {
+        /// How many there are.
+        count: usize,
+    },
     /// The declared uncertainties are too small.
     Understated,
     /// The declared uncertainties are too large.
@@ -105,7 +110,15 @@ pub enum Cause {
 impl Cause {
     /// Whether it is what the readings that it explains have in common, and not just that they are off.
     pub(super) fn is_in_common(&self) -> bool {
-        !matches!(self, Cause::Scattered | Cause::Lacks | Cause::Understated | Cause::Overstated | Cause::Computed)
+        !matches!(
+            self,
+            Cause::Scattered
+                | Cause::Lacks
+                | Cause::Offsets { .. }
+                | Cause::Understated
+                | Cause::Overstated
+                | Cause::Computed
+        )
     }
 }
 
@@ -139,7 +152,9 @@ impl Residuals<'_> {
         causes.extend((!lines.is_empty()).then_some(Cause::Lines { lines }));
         causes.extend(groups);
         if causes.is_empty() {
-            causes.extend([Cause::Lacks, Cause::Scattered]);
+            causes.push(Cause::Lacks);
+            causes.extend(self.offsets());
+            causes.push(Cause::Scattered);
         }
         causes
     }
@@ -231,6 +246,12 @@ impl Residuals<'_> {
             (name(&self.campaign.lines, line), name(&self.campaign.stations, station), rejected, all)
         };
         suspects.into_iter().map(named).collect()
+    }
+
+    /// That an offset may be wrong, where there are several: with one alone, a wrong one fits as well.
+    pub(super) fn offsets(&self) -> Option<Cause> {
+        let count = self.by(|reading| reading.offset_m.map(|value| (value + 0.0).to_bits())).len();
+        (count > 1).then_some(Cause::Offsets { count })
     }
 
     fn offset(&self, rejected: usize) -> Option<Cause> {

@@ -12,7 +12,7 @@ const HASTY: f64 = 0.02;
 /// Probability that chance stays below the count that is still explained.
 const CONFIDENCE: f64 = 0.999;
 /// Residual over declared noise, or its inverse, from which a warning and a refusal are due.
-const MISTAKEN: f64 = 3.0;
+pub(super) const MISTAKEN: f64 = 3.0;
 const IMPOSSIBLE: f64 = 10.0;
 /// χ² per degree of freedom beyond which a reader is told, where chance does not explain it.
 const TOLD: std::ops::RangeInclusive<f64> = 0.7..=1.3;

@@ -3,6 +3,7 @@
 //! Place in the flow: the entry point for `identify` and `diagnose`.
 
 use super::causes::{Cause, Residuals};
+use super::misfit::MISTAKEN;
 use super::{Counted, Finding, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke};
 use crate::identified::Identified;
 use abbe_geometry::model::{MachineModel, ModelError};
@@ -46,7 +47,10 @@ fn of_misfit(residuals: &Residuals, chi2_per_dof: f64) -> Vec<Cause> {
     if chi2_per_dof < 1.0 {
         return vec![Cause::Overstated, Cause::Computed];
     }
-    residuals.rounded().into_iter().chain([Cause::Lacks, Cause::Understated]).collect()
+    // A wrong offset leaves many times the noise: what is little more says nothing of offsets.
+    let offsets = residuals.offsets().filter(|_| chi2_per_dof.sqrt() > MISTAKEN);
+    let causes = residuals.rounded().into_iter().chain([Cause::Lacks]).chain(offsets);
+    causes.chain([Cause::Understated]).collect()
 }
 
 /// χ² of all readings over that of those used: where rejected readings are no gross errors, they are data like the others,

@@ -159,6 +159,11 @@ impl fmt::Display for Cause {
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
             ),
             Cause::Lacks => f.write_str("the model lacks an effect that abbe diagnose may name"),
+            Cause::Offsets { count } => write!(
+                f,
+                "one of the {count} offsets is not what the campaign says: measure them again (a wrong one is named by abbe identify \
+                 --accept-misfit, and abbe diagnose after it)"
+            ),
             Cause::Understated => f.write_str(
                 "the declared uncertainties are too small: check their unit, and whether they are k = 1 or k = 2",
             ),

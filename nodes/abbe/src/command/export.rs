@@ -12,6 +12,7 @@ use abbe_files::export::{
 };
 use abbe_files::{AtomicFile, FileError, ModelFile};
 use abbe_geometry::Vector3;
+use abbe_geometry::axis::Axis;
 use abbe_geometry::correct::is_within;
 use abbe_geometry::sampled::SampledErrors;
 use anyhow::{Context, bail, ensure};
@@ -49,7 +50,8 @@ pub(crate) struct Arguments {
     /// given
     #[arg(long)]
     within_um: Option<f64>,
-    /// Tip or reflector relative to the ram reference point, for grids: x,y,z (mm); the machine's default where it has one
+    /// Tip or reflector relative to the ram reference point, for grids and factors of skew: x,y,z (mm); the machine's default where
+    /// it has one
     #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
     offset_mm: Option<Vec<f64>>,
 }
@@ -68,6 +70,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Writer::Functions(write) | Writer::Approaches(write) => {
             (of_functions(arguments, (format, write), &file, &about)?, None)
         }
+        Writer::Factors(write) => {
+            let offset_m = factors_offset_m(arguments, &file)?;
+            (write(&about, offset_m)?, Some(offset_m))
+        }
         Writer::Grid(write) => {
             let grid = grid(arguments, &file)?;
             (write(&about, &grid)?, Some(grid.offset_m))
@@ -77,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(words) = outside_words(&file) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
-    for words in about.not_measured() {
+    for words in about.not_measured(format) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
     for what in about.left_out(format) {
@@ -89,7 +95,38 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "conformity --lengths LENGTHS.csv --probing bidirectional",
     )
     .print();
-    offset_m.map_or(Ok(()), |offset_m| judge(arguments, &file, offset_m))
+    match offset_m {
+        Some(offset_m) => judge(arguments, &file, offset_m),
+        None => judge_tables(arguments, &file, &about),
+    }
+}
+
+/// An error where the whole table of an axis is for readings that were not measured.
+fn judge_tables(arguments: &Arguments, file: &ModelFile, about: &About) -> anyhow::Result<()> {
+    let parts = file.model.parts();
+    let words = |axis: Axis| {
+        let [(from, to), (lower, upper)] =
+            [parts.identified.reading_m, parts.machine.stroke_m].map(|all_m| all_m[axis.index()]);
+        format!(
+            "{}: the stroke is {:.4} to {:.4} mm, readings from {:.4} to {:.4} mm were measured",
+            axis.letter(),
+            lower * 1e3,
+            upper * 1e3,
+            from * 1e3,
+            to * 1e3
+        )
+    };
+    let outside: Vec<String> = about.axes_outside().into_iter().map(words).collect();
+    ensure!(
+        outside.is_empty(),
+        Ended::nothing_inside(format!(
+            "{}: no node is inside what the model was identified from, so do not use it: {}; see whether runs and strokes count from the same \
+             zero",
+            arguments.out.display(),
+            outside.join("; ")
+        ))
+    );
+    Ok(())
 }
 
 /// An error where the whole grid is for a tip that was not measured.
@@ -110,6 +147,27 @@ fn judge(arguments: &Arguments, file: &ModelFile, offset_m: [f64; 3]) -> anyhow:
     Ok(())
 }
 
+/// The tip for which factors hold: that asked for, the machine's, or the middle of those that were measured.
+fn factors_offset_m(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<[f64; 3]> {
+    for (option, value) in [("--step-mm", arguments.step_mm), ("--within-um", arguments.within_um)] {
+        ensure!(value.is_none(), "{option} is for tables; {} holds one number a plane", arguments.format);
+    }
+    let parts = file.model.parts();
+    let usual_m = parts.machine.default_offset_m.unwrap_or(parts.offset_centre_m);
+    Ok(asked_offset_m(arguments)?.unwrap_or(usual_m))
+}
+
+/// The offset asked for (m).
+fn asked_offset_m(arguments: &Arguments) -> anyhow::Result<Option<[f64; 3]>> {
+    let offset_m = match arguments.offset_mm.as_deref() {
+        None => return Ok(None),
+        Some([x, y, z]) => [x / 1e3, y / 1e3, z / 1e3],
+        Some(other) => bail!("--offset-mm has {} numbers; write three, x,y,z", other.len()),
+    };
+    ensure!(offset_m.iter().all(|v| v.is_finite() && v.abs() < 10.0), "--offset-mm: give three numbers in millimetres");
+    Ok(Some(offset_m))
+}
+
 /// Files of error functions.
 type OfFunctions = fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>;
 
@@ -121,7 +179,11 @@ fn of_functions(
     file: &ModelFile,
     about: &About,
 ) -> anyhow::Result<Vec<ExportedFile>> {
-    ensure!(arguments.offset_mm.is_none(), "--offset-mm is for grids; {} holds error functions", arguments.format);
+    ensure!(
+        arguments.offset_mm.is_none(),
+        "--offset-mm is for grids and factors; {} holds error functions",
+        arguments.format
+    );
     if let Some(step_mm) = arguments.step_mm {
         return Ok(write(about, &SampledErrors::of(&file.model, step_mm / 1e3)?)?);
     }
@@ -137,10 +199,7 @@ fn of_functions(
         }
         let (linear_m, angular_rad) = errors.missed();
         if linear_m.max(angular_rad) <= within_um / 1e6 && (is_asked || !format.is_stepped) {
-            match write(about, &errors) {
-                Err(_) if !is_asked => {}
-                written => return Ok(written?),
-            }
+            return Ok(write(about, &errors)?);
         }
         finest = Some(errors);
     }
@@ -149,11 +208,16 @@ fn of_functions(
         finest = Some(SampledErrors::of(&file.model, longest_m / (most - 1) as f64)?);
     }
     let (false, Some(finest), Some(most)) = (is_asked, finest, format.most_points) else {
+        let finest_mm = longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS);
+        ensure!(!is_asked, "--within-um {within_um}: no step down to {finest_mm:.4} mm does that; ask for more");
         bail!(
-            "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
-            longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
+            "{}: no step down to {finest_mm:.4} mm misses the model by {within_um} um or less, which is asked for by default; ask for more \
+             with --within-um, or for a step with --step-mm",
+            format.name
         )
     };
+    // What the model does not know at all is a graver reason than what steps miss.
+    let written = write(about, &finest)?;
     let ((missed_m, _), largest_m) = (finest.missed(), largest_m(&finest));
     ensure!(
         missed_m < 0.5 * largest_m,
@@ -163,7 +227,7 @@ fn of_functions(
         missed_m * 1e6,
         largest_m * 1e6
     );
-    Ok(write(about, &finest)?)
+    Ok(written)
 }
 
 /// The largest linear error at the nodes (m).
@@ -174,16 +238,13 @@ fn largest_m(errors: &SampledErrors) -> f64 {
 
 fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> {
     let machine = &file.model.parts().machine;
-    let offset_m = match (arguments.offset_mm.as_deref(), machine.default_offset_m) {
-        (Some([x, y, z]), _) => [x / 1e3, y / 1e3, z / 1e3],
-        (Some(other), _) => bail!("--offset-mm has {} numbers; write three, x,y,z", other.len()),
-        (None, Some(offset_m)) => offset_m,
+    let offset_m = match (asked_offset_m(arguments)?, machine.default_offset_m) {
+        (Some(offset_m), _) | (None, Some(offset_m)) => offset_m,
         (None, None) => bail!(
             "a grid holds for one tip, and the machine declares no default_offset_mm; give --offset-mm x,y,z, where the tip \
              stands from the ram reference point"
         ),
     };
-    ensure!(offset_m.iter().all(|v| v.is_finite() && v.abs() < 10.0), "--offset-mm: give three numbers in millimetres");
     let effects = of_places(&file.model);
     let error_m =
         |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, &effects, (*p).into(), offset_m));
@@ -231,9 +292,12 @@ fn wanted_um(arguments: &Arguments) -> Option<f64> {
     arguments.step_mm.is_none().then(|| arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM))
 }
 
-/// What the files say of the step and what interpolation misses.
+/// What the files say of the step and what interpolation misses, or of what factors leave.
 fn missed_words(files: &[ExportedFile]) -> Option<&str> {
-    files.iter().flat_map(|file| file.text.lines()).find_map(|line| line.split("interpolation: ").nth(1))
+    files
+        .iter()
+        .flat_map(|file| file.text.lines())
+        .find_map(|line| ["interpolation: ", "fit: "].into_iter().find_map(|label| line.split(label).nth(1)))
 }
 
 /// Where the tables go beyond what was measured: they reach over the whole stroke.
@@ -253,7 +317,10 @@ fn outside_words(file: &ModelFile) -> Option<String> {
 fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
     println!("{}: {} ({})", arguments.out.display(), format.name, format.title);
     if let Some(missed) = missed_words(files) {
-        let asked = wanted_um(arguments).map_or_else(String::new, |um| format!(" (asked for: {um} um)"));
+        let is_of_steps = !matches!(format.writer, Writer::Factors(_));
+        let asked = wanted_um(arguments)
+            .filter(|_| is_of_steps)
+            .map_or_else(String::new, |um| format!(" (asked for: {um} um)"));
         let most =
             format.most_points.map_or_else(String::new, |most| format!("; {most} nodes of an axis are the most"));
         let asked = asked + &most;

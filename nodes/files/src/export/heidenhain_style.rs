@@ -45,13 +45,17 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 fn table(about: &About, errors: &SampledErrors, axis: &SampledAxis) -> Result<ExportedFile, FileError> {
     check_points(&FORMAT, axis)?;
     let others = Axis::ALL.into_iter().filter(|other| *other != axis.axis).map(Axis::index);
-    let order: Vec<usize> = [axis.axis.index()].into_iter().chain(others).chain(3..6).collect();
+    // Zeros for a positioning that nobody measured would take away what the controller has.
+    let own_column = (!about.is_unknown(axis.axis)).then_some(axis.axis.index());
+    let order: Vec<usize> = own_column.into_iter().chain(others).chain(3..6).collect();
     let ids = errors_of(axis.axis);
     let is_one_sided = about.approach.is_one_sided(axis.axis);
     let has_other_side = about.approach.has(axis.axis) && !is_one_sided;
-    let columns = [axis.axis.letter().to_string(), "C2".into(), "C3".into(), "C4".into(), "C5".into(), "C6".into()];
+    let letters = own_column.map(|_| axis.axis.letter().to_string());
+    let columns: Vec<String> = letters.into_iter().chain(["C2", "C3", "C4", "C5", "C6"].map(str::to_owned)).collect();
     let meaning: Vec<String> = columns.iter().zip(&order).map(|(c, k)| format!("{c} = {}", ids[*k].name())).collect();
     let sides = match (has_other_side, is_one_sided) {
+        _ if own_column.is_none() => format!("no column {}, as its positioning was not identified", axis.axis.letter()),
         (true, _) => format!("{} in approaches in +, BACKLASH the same in approaches in -", axis.axis.letter()),
         (false, true) => "BACKLASH is left out, as one side of approach was not measured".to_owned(),
         (false, false) => "BACKLASH is left out, as the model has no reversal of this axis".to_owned(),

@@ -17,8 +17,10 @@ mod isg_csv;
 mod klipper_skew;
 mod linuxcnc_comp;
 mod reprap_skew;
+mod said;
 mod siemens_enc_comp;
 mod skew;
+mod steps;
 mod volumetric_grid;
 
 pub use approach::Approach;
@@ -34,6 +36,7 @@ use abbe_geometry::effects::{Shape, ShapeValue, known};
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors, beyond_identified, errors_of, of_position, places_effects_m};
+use said::{held_at_zero, is_said_along};
 
 pub use abbe_geometry::sampled::of_places;
 
@@ -71,6 +74,15 @@ pub enum Writer {
     Approaches(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
     /// From the errors at the nodes of a grid.
     Grid(fn(&About, &SampledGrid) -> Result<Vec<ExportedFile>, FileError>),
+    /// A few factors for the whole volume, from the error of a tip at this offset (m, ram frame).
+    Factors(fn(&About, [f64; 3]) -> Result<Vec<ExportedFile>, FileError>),
+}
+
+impl Writer {
+    /// Whether what it writes holds effects of position that no function of one axis holds.
+    fn holds_places(self) -> bool {
+        matches!(self, Writer::Grid(_) | Writer::Factors(_))
+    }
 }
 
 /// One file of an export.
@@ -110,6 +122,8 @@ const LINE_ENDS: [char; 2] = ['\u{2028}', '\u{2029}'];
 pub struct About {
     /// The machine.
     pub machine: Machine,
+    /// The model.
+    model: MachineModel,
     /// SHA-256 of the model, hexadecimal.
     pub model_sha256: String,
     /// Program that writes.
@@ -130,7 +144,7 @@ pub struct About {
     of_places: Vec<String>,
     /// Errors of which the model says nothing: zero, with no uncertainty that means anything.
     held_at_zero: Vec<String>,
-    /// Axes along which an effect acts, whatever it follows.
+    /// Axes of whose positioning an effect says something.
     with_any: Vec<Axis>,
 }
 
@@ -170,10 +184,11 @@ impl About {
                 () => left_out.push(title),
             }
         }
-        let with_any: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| acts_along(&file.model, *axis)).collect();
+        let with_any: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| is_said_along(&file.model, *axis)).collect();
         let network = file.residual_network.iter().map(|network| format!("residual network {}", network.file));
         About {
             machine: file.model.parts().machine.clone(),
+            model: file.model.clone(),
             model_sha256: crate::envelope::hex(sha256),
             software: software.to_owned(),
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
@@ -191,18 +206,24 @@ impl About {
     /// What of the model tables of this format do not hold.
     pub fn left_out(&self, format: &Format) -> impl Iterator<Item = &String> {
         let of_approach = (!matches!(format.writer, Writer::Approaches(_))).then_some(&self.of_approach);
-        let of_places = (!matches!(format.writer, Writer::Grid(_))).then_some(&self.of_places);
+        let of_places = (!format.writer.holds_places()).then_some(&self.of_places);
         self.left_out.iter().chain(of_approach.into_iter().chain(of_places).flatten())
     }
 
     /// What must not be taken for measured: errors that were not identified, and sides of approach that nobody measured.
-    pub fn not_measured(&self) -> Vec<String> {
+    pub fn not_measured(&self, format: &Format) -> Vec<String> {
         let mut words = Vec::new();
         if !self.held_at_zero.is_empty() {
-            words.push(format!(
-                "NOT identified: {}; they are zero here because the model says nothing of them, and have no uncertainty",
-                self.held_at_zero.join(" ")
-            ));
+            let names = self.held_at_zero.join(" ");
+            words.push(match format.writer.holds_places() && !self.of_places.is_empty() {
+                true => format!(
+                    "NOT identified as error functions: {names}; of what they would do, only this is here, and nothing else was measured: {}",
+                    self.of_places.join("; ")
+                ),
+                false => format!(
+                    "NOT identified: {names}; they are zero here because the model says nothing of them, and have no uncertainty"
+                ),
+            });
         }
         words.extend(self.approach.not_measured());
         words
@@ -211,6 +232,24 @@ impl About {
     /// Whether the model says nothing of where an axis stops: a table of zeros would take away what a controller has.
     fn is_unknown(&self, axis: Axis) -> bool {
         !self.is_identified(&ErrorId::linear(axis, axis).name()) && !self.with_any.contains(&axis)
+    }
+
+    /// Axes whose table lies wholly outside the readings that were identified, among those of which the model says something.
+    pub fn axes_outside(&self) -> Vec<Axis> {
+        let is_outside = |axis: &Axis| {
+            let (stroke_m, seen_m) =
+                (self.machine.stroke_m[axis.index()], self.model.parts().identified.reading_m[axis.index()]);
+            self.is_any_known(*axis) && (seen_m.1 < stroke_m.0 || seen_m.0 > stroke_m.1)
+        };
+        Axis::ALL.into_iter().filter(is_outside).collect()
+    }
+
+    /// Whether the model says anything of the motion of an axis.
+    pub fn is_any_known(&self, axis: Axis) -> bool {
+        let tilts = self.machine.squareness.iter().filter(|entry| entry.tilts == axis);
+        let names = errors_of(axis).map(|error| error.name()).into_iter();
+        !self.is_unknown(axis)
+            || names.chain(tilts.map(|entry| entry.name.clone())).any(|name| self.is_identified(&name))
     }
 
     /// Axes that the model says nothing of, of which controllers get no table.
@@ -223,12 +262,7 @@ impl About {
 
     /// The same for tables of all six errors of an axis, and of the squareness that tilts it.
     fn wholly_unknown(&self, format: &Format) -> Result<Vec<Axis>, FileError> {
-        let is_any_known = |axis: Axis| {
-            let tilts = self.machine.squareness.iter().filter(|entry| entry.tilts == axis);
-            let names = errors_of(axis).map(|error| error.name()).into_iter();
-            names.chain(tilts.map(|entry| entry.name.clone())).any(|name| self.is_identified(&name))
-        };
-        self.axes_without(format, |axis| self.is_unknown(axis) && !is_any_known(axis))
+        self.axes_without(format, |axis| !self.is_any_known(axis))
     }
 
     fn axes_without(&self, format: &Format, is_unknown: impl Fn(Axis) -> bool) -> Result<Vec<Axis>, FileError> {
@@ -269,22 +303,50 @@ impl About {
             format!("machine {}, model sha256 {}, written by {}", self.machine.name, self.model_sha256, self.software),
             format!("sign: {SIGN_CONVENTION}"),
             format!(
-                "chain: workpiece side {}, tool side {}, each from the bed outwards; rotations about the ram reference point",
+                "chain: workpiece side {}, tool side {}, each from the bed outwards",
                 side(Side::Workpiece),
                 side(Side::Tool)
             ),
+            self.lever_words(),
             format!("units: {units}"),
-            format!("interpolation: {missed}"),
+            match format.writer {
+                Writer::Factors(_) => format!("fit: {missed}"),
+                Writer::Functions(_) | Writer::Approaches(_) | Writer::Grid(_) => format!("interpolation: {missed}"),
+            },
             format!("ram: {}", self.ram_words(format.writer)),
             format!("format: {}", format.source),
         ];
-        lines.extend(self.beyond_words());
-        lines.extend(self.not_measured());
+        if !matches!(format.writer, Writer::Factors(_)) {
+            lines.extend(self.beyond_words());
+        }
+        lines.extend(self.not_measured(format));
         lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
         if matches!(format.writer, Writer::Approaches(_)) {
             lines.push(self.approach_words());
         }
         lines
+    }
+
+    /// What the rotations of each axis turn: the vector from their pivot to the tip. It follows the chain ([`abbe_geometry::chain`]): an axis
+    /// on the tool side turns what it carries, one on the workpiece side all that stands between the tool and its table.
+    fn lever_words(&self) -> String {
+        let levers = Axis::ALL.map(|axis| {
+            let place = self.machine.joints.iter().position(|joint| joint.axis == axis).unwrap_or_default();
+            let is_in = |other: Axis| {
+                let own = self.machine.joints.iter().position(|joint| joint.axis == other).unwrap_or_default();
+                own > place || other == axis && self.machine.joints[place].side == Side::Workpiece
+            };
+            let parts = Axis::ALL.map(|other| {
+                let lower = other.lower();
+                if is_in(other) { format!("o{lower} + {lower}") } else { format!("o{lower}") }
+            });
+            format!("{} turns ({})", axis.letter(), parts.join(", "))
+        });
+        format!(
+            "rotations: right-handed, each about a pivot of its own: error of the tip = sum of linear errors + angular errors x lever, where {}; \
+             o is the offset of the tip (ram frame), x y z are readings",
+            levers.join(", ")
+        )
     }
 
     /// What the ends of the strokes are worth where they were not measured.
@@ -307,6 +369,9 @@ impl About {
         let how = format!("turned by {turn} urad about X Y Z, acting about the offset {about} mm (ram frame)");
         match writer {
             Writer::Grid(_) => format!("{how}; contained in these errors"),
+            Writer::Factors(_) => {
+                format!("{how}; it shifts all points of a tip alike, which no such factor takes away")
+            }
             Writer::Functions(_) | Writer::Approaches(_) => format!(
                 "{how}; NOT in the error functions: a tip at another offset stands off by turn x (its offset - that offset), \
                  the same everywhere: correct the offset of each tool by it"
@@ -335,27 +400,6 @@ impl About {
             own => format!(" but positioning of {own}, which holds effects of position as well,"),
         }
     }
-}
-
-/// Whether an effect of the model acts along an axis.
-fn acts_along(model: &MachineModel, axis: Axis) -> bool {
-    let along = [axis.lower().to_owned(), ErrorId::linear(axis, axis).name()];
-    let is_along = |value: &ShapeValue| matches!(value, ShapeValue::Text(text) if along.contains(text));
-    let names = |shape: &Shape| ["axis", "acts"].iter().any(|key| shape.0.get(*key).is_some_and(is_along));
-    model.parts().effects.iter().any(|fitted| names(&fitted.shape))
-}
-
-/// Errors of which a model says nothing: functions of kind zero, but for positioning along which an effect acts, and squareness without
-/// an uncertainty.
-fn held_at_zero(model: &MachineModel, with_effects: &[Axis]) -> Vec<String> {
-    let machine = &model.parts().machine;
-    let is_held = |axis: Axis, k: usize| machine.kinds[errors_of(axis)[k].index()].is_none();
-    let is_of_effects = |axis: Axis, k: usize| k == axis.index() && with_effects.contains(&axis);
-    let functions = Axis::ALL.into_iter().flat_map(|axis| (0..6).map(move |k| (axis, k)));
-    let functions = functions.filter(|(axis, k)| is_held(*axis, *k) && !is_of_effects(*axis, *k));
-    let functions = functions.map(|(axis, k)| errors_of(axis)[k].name());
-    let squareness = machine.squareness.iter().enumerate().filter(|(k, _)| model.squareness(*k) == (0.0, 0.0));
-    functions.chain(squareness.map(|(_, entry)| entry.name.clone())).collect()
 }
 
 /// Where a table holds that leaves out what follows a quantity from a value on: there.
@@ -454,6 +498,12 @@ fn check_points(format: &Format, axis: &SampledAxis) -> Result<(), FileError> {
 
 fn refused(format: &Format, problem: String, remedy: &str) -> FileError {
     FileError::content(Place::file(format.name), problem, remedy)
+}
+
+/// A number as it is with so many decimals.
+fn rounded(value: f64, decimals: usize) -> f64 {
+    let units = 10.0_f64.powi(decimals as i32);
+    (value * units).round() / units
 }
 
 /// A number with so many decimals and no negative zero.

@@ -6,14 +6,16 @@
 //! The table holds approaches in +; in − the controller takes the backlash away. A B that changes along the axis has its mean
 //! there, and what is left of it is said.
 
+use super::steps::{Points, millimetres};
 use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, no_table_words};
 use crate::error::FileError;
-use crate::units::millimetres_from_m;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors};
 use std::fmt::Write as _;
 
 /// Decimals of mm.
 const DECIMALS: usize = 7;
+/// Steps are whole multiples of 0.1 um.
+const STEPS_PER_METRE: f64 = 1e7;
 
 /// What the controller wants of a table and nobody but the commissioner can see to.
 const REFERENCE_POINT: &str = "reference point: K3 wants the value there to be zero; where it is not, the zero of the axis moves by that value \
@@ -48,7 +50,6 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 }
 
 fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) {
-    let count = axis.positions_m.len() as f64;
     let (plays_m, mean_m) = about.approach.reversals_m(axis);
     let left_m = plays_m.iter().map(|play_m| (play_m - mean_m).abs()).fold(0.0, f64::max);
     // Writing to a string cannot fail.
@@ -65,17 +66,18 @@ fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) {
             left_m * 1e6
         ),
     };
-    let (first_m, last_m) = (axis.positions_m[0], axis.positions_m[axis.positions_m.len() - 1]);
-    for (name, value) in [
-        ("STEP", millimetres_from_m((last_m - first_m) / (count - 1.0))),
-        ("MIN", millimetres_from_m(first_m)),
-        ("MAX", millimetres_from_m(last_m)),
+    let forward_m: Vec<f64> =
+        axis.errors.iter().zip(&plays_m).map(|(values, play_m)| values[axis.axis.index()] + play_m / 2.0).collect();
+    let points = Points::of(axis, &forward_m, STEPS_PER_METRE);
+    for (name, value_m) in [
+        ("STEP", points.units / STEPS_PER_METRE),
+        ("MIN", points.positions_m[0]),
+        ("MAX", points.positions_m[points.positions_m.len() - 1]),
     ] {
-        let _ = writeln!(text, "$AA_ENC_COMP_{name}[0,AX{number}]={value}");
+        let _ = writeln!(text, "$AA_ENC_COMP_{name}[0,AX{number}]={}", millimetres(value_m, DECIMALS));
     }
     let _ = writeln!(text, "$AA_ENC_COMP_IS_MODULO[0,AX{number}]=0");
-    for (k, (values, play_m)) in axis.errors.iter().zip(&plays_m).enumerate() {
-        let value_m = values[axis.axis.index()] + play_m / 2.0;
+    for (k, value_m) in points.values.iter().enumerate() {
         let _ = writeln!(text, "$AA_ENC_COMP[0,{k},AX{number}]={}", fixed(value_m * 1e3, DECIMALS));
     }
 }
