@@ -321,7 +321,7 @@ fn heidenhain_tables_hold_both_sides_of_approach_where_the_model_has_them() {
 fn regress_fanuc_points_hold_large_errors_by_their_magnification() {
     let mut file = model();
     let parts = file.model.parts().clone();
-    let coefficients = parts.coefficients.iter().map(|value| 40.0 * value).collect();
+    let coefficients = parts.coefficients.iter().map(|value| 120.0 * value).collect();
     let mut machine = parts.machine.clone();
     machine.stroke_m[0].1 = 0.8123;
     file.model = MachineModel::new(ModelParts { machine, coefficients, ..parts }).unwrap();
