@@ -548,8 +548,13 @@ fn regress_a_cubic_that_turns_with_the_plate_may_be_that_of_the_other_axis() {
         let told = study(&named(placed(cubic, no_form, &[0.0, FRAC_PI_2], seed), true));
         assert!(told.hidden.iter().any(|what| what.starts_with(TURNS)), "{seed}: {:?}", told.hidden);
         let terms = &told.terms;
-        assert!(terms.untold.iter().any(|what| what.contains("shows the difference alone")), "{seed}: {:?}", terms.untold);
-        let size_m = terms.list.iter().flat_map(|term| &term.values).fold(0.0, |most: f64, value| most.max(value.abs()));
+        assert!(
+            terms.untold.iter().any(|what| what.contains("shows the difference alone")),
+            "{seed}: {:?}",
+            terms.untold
+        );
+        let size_m =
+            terms.list.iter().flat_map(|term| &term.values).fold(0.0, |most: f64, value| most.max(value.abs()));
         for axis in ["x", "y"] {
             let (mut first, mut most) = (0, 0.0_f64);
             for term in &terms.list {
