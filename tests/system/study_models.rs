@@ -283,7 +283,7 @@ fn runs_that_no_model_can_be_made_of_are_refused_with_their_line() {
     let table = runs(&logged(3));
     let (header, rows) = table.split_once('\n').unwrap();
     let (machine, out) = (text(&machine()), bench.text("out"));
-    let mut refuse = |content: String, says: &[&str]| {
+    let refuse = |content: String, says: &[&str]| {
         let campaign = bench.write("again.csv", content);
         refused(&bench, &["diagnose", "--campaign", &campaign, "--machine", &machine, "--out", &out], says);
     };
