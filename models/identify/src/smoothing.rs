@@ -242,7 +242,7 @@ pub(crate) fn solve(
 }
 
 /// The quadratic problem around the parameters of one pass. Parameters that are not free go to zero: they are dropped
-/// coefficients, or dead paths of an absolute instrument.
+/// coefficients.
 struct Problem<'a> {
     normal: &'a NormalEquations,
     at: &'a [f64],

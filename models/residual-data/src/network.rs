@@ -27,7 +27,7 @@ pub(crate) fn of_poses(problem: &Problem, poses: &[Vec<usize>]) -> Result<OfNetw
         poses.iter().enumerate().flat_map(|(point, rows)| sightings(problem, point, rows, &centres[point])).collect();
     let placed = |s: &abbe_geometry::model::Station| Placed { position_m: s.position_m, dead_path_m: s.dead_path_m };
     let stations: Vec<Placed> = problem.placed.iter().map(placed).collect();
-    // An instrument that knows its distance has no dead path, in the model neither.
+    // Models of earlier software hold the dead paths of an instrument that knows its distance at zero.
     let options = NetworkOptions { absolute: stations.iter().all(|s| s.dead_path_m == 0.0), robust: true };
     let start = Start { stations, points_m: centres };
     let Network { points, chi2, degrees, .. } = network::solve(&start, &sightings, options, &mut |_| true)?;

@@ -189,8 +189,7 @@ impl Header {
     pub(crate) fn refuse_unnamed_temperatures(&self, known: &[Known]) -> Result<(), FileError> {
         let mut names = self.names.iter().filter(|name| known.iter().all(|k| k.name != **name));
         let Some(other) = names.find(|name| is_like_temperature(name)) else { return Ok(()) };
-        let problem =
-            "the column looks like a temperature, and its name does not end in _c, as those in degrees Celsius do";
+        let problem = "the column looks like a temperature, and its name does not end in _c (a small letter), as those in degrees Celsius do";
         let remedy = "convert the values to degrees Celsius and name the column temp_air_c, temp_scale_x_c or the like; name what is no \
                       temperature in another way";
         Err(FileError::content(self.place().column(other), problem, remedy))

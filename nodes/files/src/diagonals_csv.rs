@@ -1,8 +1,8 @@
 //! Positioning along body diagonals as an interferometer measured it, from CSV.
 //!
 //! Place in the flow: `abbe volumetric` holds a model against it. Columns: `diagonal` (PPP, NPP …), `distance_mm` from the
-//! first target, `deviation_um` (actual − target, mean of the runs), `u_um` (standard uncertainty, k = 1). Optional, one value for a
-//! diagonal: `start_mm`, how far the first target lies on the diagonal from the end of the stroke, and `runs`, whose mean it is. Behind it SI.
+//! first target, `deviation_um` (actual − target, mean of the runs), `u_um` (standard uncertainty, k = 1). Optional: `start_mm`,
+//! how far the first target of a diagonal lies on it from the end of the stroke, and `runs`, of how many the row is the mean. Behind it SI.
 
 use crate::columns::{Header, Known};
 use crate::csv_source::CsvSource;

@@ -38,8 +38,9 @@ const TEMPERATURE_WORDS: [&str; 7] = ["temp", "temperature", "celsius", "kelvin"
 
 /// Whether a column looks like a temperature whose name does not end as those in °C do: `Temperature`, `temp_air_f`, `T_X [degC]`.
 pub(crate) fn is_like_temperature(name: &str) -> bool {
-    let is_known = name.ends_with(TEMPERATURE);
-    !is_known && (name.contains('°') || words(name).iter().any(|word| TEMPERATURE_WORDS.contains(&word.as_str())))
+    let has_unit = ["°C", "°F", "°K"].iter().any(|unit| name.contains(unit));
+    !name.ends_with(TEMPERATURE)
+        && (has_unit || words(name).iter().any(|word| TEMPERATURE_WORDS.contains(&word.as_str())))
 }
 
 /// The words of a name, in small letters: `OffsetX [mm]` has three.
@@ -68,8 +69,7 @@ mod tests {
         for name in ["Temperature", "temp_scale_x_f", "temp_air_k", "T_X [degC]", "T (°C)", "AirTemp", "temp"] {
             assert!(is_like_temperature(name), "{name}");
         }
-        for name in
-            ["temp_air_c", "temperature_c", "temp_air_lag_300s_c", "template_no", "attempt", "load_kg", "q2_deg", "k"]
+        for name in ["temp_air_c", "temp_air_lag_300s_c", "template_no", "attempt", "load_kg", "q2_deg", "C [°]", "k"]
         {
             assert!(!is_like_temperature(name), "{name}");
         }

@@ -26,7 +26,7 @@ pub struct LinkStatus {
     pub state: LinkState,
     /// So often it was lost.
     pub losses: u64,
-    /// So many times something came that was no reading.
+    /// So many times something came that was no reading, or lacked a covariate that it should have.
     pub refused: u64,
     /// The last such thing in words.
     pub last_refusal: String,

@@ -133,7 +133,7 @@ def judge(folder, with_rivals):
     data = np.load(folder / "truth.npz")
     points, truth, rows, spoilt = data["points"], data["truth"], data["rows"], data["spoilt"]
     with open(folder / "vectors.csv") as f:
-        table = np.array([[float(v) for v in row.values()] for row in csv.DictReader(f)])
+        table = np.array([[float(v) for k, v in row.items() if k != "status"] for row in csv.DictReader(f)])
     index = np.array([np.argmin(np.linalg.norm(points - row[:3], axis=1)) for row in table])
     assert len(set(index)) == len(index)
     p, t = points[index], truth[index]

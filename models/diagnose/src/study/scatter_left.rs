@@ -13,6 +13,7 @@ use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::{column, joined};
 use faer::Mat;
+use std::collections::BTreeMap;
 
 const UM: f64 = 1e6;
 
@@ -57,10 +58,11 @@ fn held(view: &View, fit: &Fit) -> Vec<Held> {
     for (k, chain) in view.chains().iter().enumerate() {
         let Some(own) = view.study.chains().iter().find(|own| own.of == chain.of) else { continue };
         let mut columns = Mat::zeros(view.len(), own.rich.ncols());
+        let places: BTreeMap<usize, usize> = own.rows.iter().enumerate().map(|(place, row)| (*row, place)).collect();
         for (row, of_study) in chain.rows.iter().zip(view.rows_of_study(k)) {
             // A chain lists the rows of a view in its own order.
-            let Some(place) = own.rows.iter().position(|row| row == of_study) else { continue };
-            (0..columns.ncols()).for_each(|j| columns[(*row, j)] = own.rich[(place, j)]);
+            let Some(place) = places.get(of_study) else { continue };
+            (0..columns.ncols()).for_each(|j| columns[(*row, j)] = own.rich[(*place, j)]);
         }
         all.push(Held { of: chain.of.clone(), columns, means: "a course that no candidate describes" });
     }

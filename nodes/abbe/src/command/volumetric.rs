@@ -238,16 +238,17 @@ fn expanded_m(point: &MapPoint) -> f64 {
 }
 
 /// Targets whose uncertainty is a lower bound, since they or the first target are not inside of what was identified.
-fn not_inside(points: &[LinePoint]) -> usize {
-    points.iter().filter(|point| point.status != Status::InVolume).count()
+fn outside(points: &[LinePoint]) -> usize {
+    points.iter().filter(|point| point.status == Status::Extrapolated).count()
 }
 
 /// What is said beside U where it may be too small; empty where it holds.
 fn lower_bound(points: &[LinePoint]) -> String {
-    match not_inside(points) {
-        0 => String::new(),
-        outside => format!("; {outside} of {} targets extrapolated, U may be too small there", points.len()),
-    }
+    let lacking = points.iter().filter(|point| point.status == Status::CovariateMissing).count();
+    let said = [(outside(points), "extrapolated"), (lacking, "without a covariate that the model reads")];
+    let said = said.iter().filter(|(count, _)| *count > 0);
+    said.map(|(count, what)| format!("; {count} of {} targets {what}, U may be too small there", points.len()))
+        .collect()
 }
 
 /// Largest magnitude of the deviations on a diagonal (m) and the uncertainty there (k = 2).
@@ -270,7 +271,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
             };
             Some(json!({
                 "diagonal": diagonal.name(), "largest_um": deviation_m * 1e6, "u_um_k2": u_m * 1e6,
-                "extrapolated": not_inside(points), "targets": points.iter().map(target).collect::<Vec<_>>(),
+                "extrapolated": outside(points), "targets": points.iter().map(target).collect::<Vec<_>>(),
             }))
         })
         .collect();
@@ -280,7 +281,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
         .map(|c| {
             json!({
                 "diagonal": c.measured.diagonal.name(), "largest_difference_um": c.largest_difference_m() * 1e6,
-                "targets": c.measured.targets.len(), "outside_95_percent": c.outside(), "extrapolated": not_inside(&c.predicted),
+                "targets": c.measured.targets.len(), "outside_95_percent": c.outside(), "extrapolated": outside(&c.predicted),
             })
         })
         .collect();

@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: beside `study_model`, where the vectors are what a model leaves and say so in their head. Errors found in them are those
 //! of the machine less what the model corrects: alone they are no model of it. Sum of corrections, sum of covariances: what was found is
-//! taken to be independent of the model, which where both come of the same data makes U too large and never too small.
+//! taken to be independent of the model. Where the vectors are of the model's own data, their noise is in both, and U is too large. What the
+//! references of both have in common, such as one tracker's wavelength, is in neither.
 
 use crate::pipeline::software;
 use abbe_diagnose::study::{StudyDiagnosis, Terms};
@@ -49,11 +50,21 @@ pub(super) fn model(
         residual_network: None,
         data: given.data.iter().cloned().chain([source]).collect(),
         seed: given.seed,
-        options: json!({ "model": given.options, "added": options }),
+        options: with(&given.options, options),
         evidence,
         doubts: given.doubts.iter().cloned().chain(doubts).collect(),
         software: software(),
     })))
+}
+
+/// How the model was identified, which a later diagnosis goes by, and beside it how more was found.
+fn with(given: &Value, added: Value) -> Value {
+    let mut options = given.clone();
+    match &mut options {
+        Value::Object(keys) => drop(keys.insert("added".to_owned(), added)),
+        _ => options = json!({ "model": given, "added": added }),
+    }
+    options
 }
 
 fn parts(given: &ModelFile, terms: &Terms) -> anyhow::Result<Result<ModelParts, String>> {
@@ -64,6 +75,11 @@ fn parts(given: &ModelFile, terms: &Terms) -> anyhow::Result<Result<ModelParts, 
     }
     let model = &given.model;
     let mut parts = model.parts().clone();
+    if !has_one_offset(&parts) {
+        let why = "the vectors do not say with which offset of the tip they were measured, and the model was identified with others than the \
+                   machine's own: give the data that the vectors come of, with abbe diagnose --model and --campaign";
+        return Ok(Err(why.to_owned()));
+    }
     let new = terms
         .list
         .iter()
@@ -90,6 +106,15 @@ fn parts(given: &ModelFile, terms: &Terms) -> anyhow::Result<Result<ModelParts, 
         *repeatability_m = deviation_m.map_or(*repeatability_m, |own| repeatability_m.max(own));
     }
     Ok(narrowed(&mut parts.identified, terms).map(|()| parts))
+}
+
+/// Whether positions of vectors are those of readings: all were measured with the offset that the machine declares, or with none.
+fn has_one_offset(parts: &ModelParts) -> bool {
+    let own_m = parts.machine.default_offset_m.unwrap_or([0.0; 3]);
+    let is_own = |((low_m, high_m), own_m): (&(f64, f64), f64)| {
+        (low_m - own_m).abs() < CORRECTED_M && (high_m - own_m).abs() < CORRECTED_M
+    };
+    parts.identified.offset_m.iter().zip(own_m).all(is_own)
 }
 
 /// Both are known only where both were measured.

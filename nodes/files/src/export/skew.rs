@@ -87,8 +87,13 @@ fn measured_m(format: &Format, about: &About) -> Result<[(f64, f64); 3], FileErr
     });
     match Axis::ALL.into_iter().find(|axis| measured_m[axis.index()].0 >= measured_m[axis.index()].1) {
         Some(axis) => {
-            let problem = format!("the model was identified from no part of the stroke of {}", axis.letter());
-            Err(refused(format, problem, "a shear is one of a volume: measure along all three axes"))
+            let problem =
+                format!("the model was identified at one place of the stroke of {}, or at none", axis.letter());
+            Err(refused(
+                format,
+                problem,
+                "a shear is one of a volume: measure at two places of each axis at least, a plate at two heights",
+            ))
         }
         None => Ok(measured_m),
     }

@@ -234,10 +234,11 @@ impl Lines {
         of: impl FnOnce(Row, &LinesConfig, &MachineFile) -> Result<T, String>,
     ) -> Result<Option<T>, DriverError> {
         let Some(mut row) = self.next_row()? else { return Ok(None) };
-        if let Some(unread) = row.unread.take() {
+        let unread = row.unread.take();
+        let reading = of(row, &self.config, &self.machine).map_err(|problem| self.of_line(problem))?;
+        if let Some(unread) = unread {
             self.link.refused(format!("line {}: {unread}", self.port.lines()));
         }
-        let reading = of(row, &self.config, &self.machine).map_err(|problem| self.of_line(problem))?;
         self.sequence += 1;
         Ok(Some(reading))
     }
