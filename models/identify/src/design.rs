@@ -95,9 +95,9 @@ impl Setup<'_> {
     /// The same with the dead paths of so many stations, where the instrument says that they are zero.
     pub(crate) fn priors_with(&self, stations: usize, is_absolute: bool) -> Vec<(usize, f64)> {
         let mut priors = self.priors();
-        let dead_path = |k: usize| self.machine_parameters() + STATION_PARAMETERS * (k + 1) - 1;
+        let last_of = |k: usize| self.machine_parameters() + STATION_PARAMETERS * (k + 1) - 1;
         let told = if is_absolute { 0..stations } else { 0..0 };
-        priors.extend(told.map(|k| (dead_path(k), U_ABSOLUTE_ZERO_M)));
+        priors.extend(told.map(|k| (last_of(k), U_ABSOLUTE_ZERO_M)));
         priors
     }
 
