@@ -177,7 +177,11 @@ fn an_absolute_range_has_a_zero_that_is_nearly_known() {
     for (station, k) in absolute.model.parts().stations.iter().zip(0..) {
         let truth_m = abbe_geometry::Vector3::from(case.simulated.truth.stations_m[k]);
         let (u_m, looser) = (absolute.evidence.stations[k].u_m, relative.evidence.stations[k].u_m);
-        assert!(u_m[3] > 0.0 && u_m[3] < looser[3] && station.dead_path_m.abs() < 4.5 * u_m[3], "{}", station.name);
+        assert!(
+            u_m[3] > 0.0 && u_m[3] < 1.01 * looser[3] && station.dead_path_m.abs() < 4.5 * u_m[3],
+            "{}",
+            station.name
+        );
         for d in 0..3 {
             assert!((station.position_m[d] - truth_m[d]).abs() < 4.5 * u_m[d], "{} {d}", station.name);
             assert!(u_m[d] < 1.01 * looser[d], "{} {d}", station.name);

@@ -38,9 +38,11 @@ const TEMPERATURE_WORDS: [&str; 7] = ["temp", "temperature", "celsius", "kelvin"
 
 /// Whether a column looks like a temperature whose name does not end as those in °C do: `Temperature`, `temp_air_f`, `T_X [degC]`.
 pub(crate) fn is_like_temperature(name: &str) -> bool {
-    let has_unit = ["°C", "°F", "°K"].iter().any(|unit| name.contains(unit));
-    !name.ends_with(TEMPERATURE)
-        && (has_unit || words(name).iter().any(|word| TEMPERATURE_WORDS.contains(&word.as_str())))
+    let words = words(name);
+    // `degC` is two words.
+    let is_degrees = |pair: &[String]| pair[0] == "deg" && ["c", "f", "k"].contains(&pair[1].as_str());
+    let has_unit = ["°C", "°F", "°K"].iter().any(|unit| name.contains(unit)) || words.windows(2).any(is_degrees);
+    !name.ends_with(TEMPERATURE) && (has_unit || words.iter().any(|word| TEMPERATURE_WORDS.contains(&word.as_str())))
 }
 
 /// The words of a name, in small letters: `OffsetX [mm]` has three.

@@ -115,6 +115,10 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
 
 /// Decades with labels; 2 and 5 too when there are few decades, as bare marks otherwise.
 fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
+    // A range that overflows has no decades, or two thousand million of them; the writer reports the overflow itself.
+    if !(low > 0.0 && high.is_finite()) {
+        return Vec::new();
+    }
     let (first, last) = (low.log10().floor() as i32, high.log10().ceil() as i32);
     let label_all = last - first <= 4;
     let every = (last - first) / 12 + 1;
@@ -171,5 +175,9 @@ mod tests {
         assert!(!Scale::linear(Some((3.0, 3.0)), 0.0, 1.0).ticks(5).is_empty());
         assert!(Scale::exact(-f64::MAX, f64::MAX, 0.0, 1.0).ticks(5).is_empty());
         assert!(!Scale::linear(None, 0.0, 1.0).ticks(5).is_empty());
+        // Marks up to 10^2147483647 took all memory.
+        for (low, high) in [(1e-70, f64::INFINITY), (0.0, 1.0), (f64::NAN, 1.0)] {
+            assert!(log_ticks(low, high).is_empty(), "{low} {high}");
+        }
     }
 }
