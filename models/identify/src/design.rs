@@ -103,8 +103,7 @@ impl Setup<'_> {
 
     /// Standard uncertainty of one range: the instrument's, and the machine's repeatability along the sight (m).
     pub(crate) fn u_m(&self, ray: &Ray) -> f64 {
-        let along = Vector3::from(self.machine.repeatability_m).component_mul(&ray.direction);
-        (self.instrument.standard_m(ray.range_m).powi(2) + along.norm_squared()).sqrt()
+        self.instrument.with_repeatability_m(ray.range_m, &ray.direction, self.machine.repeatability_m)
     }
 }
 

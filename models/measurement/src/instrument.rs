@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: the machine file declares it, identification weights with it, the monitor bounds with it.
 
+use nalgebra::Vector3;
+
 /// Standard uncertainty (k = 1) of an interferometric range, u(L) = `constant_m` + `per_metre` · L.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeUncertainty {
@@ -15,5 +17,12 @@ impl RangeUncertainty {
     /// Standard uncertainty (m, k = 1) of a range of `range_m` metres.
     pub fn standard_m(&self, range_m: f64) -> f64 {
         self.constant_m + self.per_metre * range_m.abs()
+    }
+
+    /// The same of one reading of a point to which axes come back with these repeatabilities (m, k = 1), along a sight of length 1: with
+    /// lᵀ Σ l.
+    pub fn with_repeatability_m(&self, range_m: f64, sight: &Vector3<f64>, repeatability_m: [f64; 3]) -> f64 {
+        let along_m = Vector3::from(repeatability_m).component_mul(sight);
+        (self.standard_m(range_m).powi(2) + along_m.norm_squared()).sqrt()
     }
 }

@@ -281,8 +281,8 @@ fn deviation_m(reading: &RangeReading, station: &Placed) -> f64 {
 /// Standard uncertainty of one reading (m) along this line of sight, with what the machine adds in its direction: lᵀ Σ l.
 fn single_u_m(line_m: &Vector3<f64>, options: &MultilaterationOptions) -> f64 {
     let range_m = line_m.norm();
-    let along_m = line_m.component_mul(&Vector3::from(options.repeatability_m)).norm() / range_m.max(f64::MIN_POSITIVE);
-    options.instrument.standard_m(range_m).hypot(along_m)
+    let sight = line_m / range_m.max(f64::MIN_POSITIVE);
+    options.instrument.with_repeatability_m(range_m, &sight, options.repeatability_m)
 }
 
 fn contradictions(
