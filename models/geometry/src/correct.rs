@@ -7,7 +7,7 @@
 
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
-use crate::doubt::{self, Open, has_implausible, is_outside};
+use crate::doubt::{self, Open, is_outside, is_outside_or_none};
 use crate::effects::{CovariateProblem, CovariateSource, State, TipColumns, tip_columns};
 use crate::model::{FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
@@ -96,6 +96,7 @@ pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut S
     if !is_plausible(model, state) {
         return None;
     }
+    let unread_outside = is_outside_or_none(model.unread(), state)?;
     let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
     let chain = geometric_point(model, state.reading_m, state.offset_m, sensitivity);
     let point_m = chain.position_m;
@@ -105,7 +106,11 @@ pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut S
     let beyond_fit = model.unexplained_m2(state) + model.unseen_m2(state);
     let scatter = Matrix3::from_diagonal(&(repeatability + beyond_fit));
     let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + scatter;
-    let status = if effects.outside || !is_in_volume(model, state) { Status::Extrapolated } else { Status::InVolume };
+    let status = if effects.outside || unread_outside || !is_in_volume(model, state) {
+        Status::Extrapolated
+    } else {
+        Status::InVolume
+    };
     let most_m = MOST_CORRECTION * (longest_stroke_m(model) + Vector3::from(state.offset_m).norm());
     let sound = is_sound(&position_m, &covariance_m2) && (position_m - nominal_m).norm() <= most_m;
     let correction = Correction {
@@ -360,7 +365,6 @@ fn is_plausible(model: &MachineModel, state: &State) -> bool {
     finite
         && state.reading_m.into_iter().zip(strokes).all(within)
         && state.offset_m.into_iter().zip(offsets).all(within)
-        && !has_implausible(model.unread(), state)
 }
 
 /// Whether a reading or an offset (m) lies between these bounds, but for rounding.
@@ -371,9 +375,7 @@ pub fn is_within((lower_m, upper_m): (f64, f64), value_m: f64) -> bool {
 fn is_in_volume(model: &MachineModel, state: &State) -> bool {
     let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| bounds.iter().zip(values).all(|(b, v)| is_within(*b, v));
     let identified = &model.parts().identified;
-    within(&identified.reading_m, state.reading_m)
-        && within(&identified.offset_m, state.offset_m)
-        && !is_outside(model.unread(), state)
+    within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m)
 }
 
 #[cfg(test)]

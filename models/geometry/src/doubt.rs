@@ -37,20 +37,25 @@ const FLOOR: f64 = 1e-9;
 
 /// Whether any of these covariates that can be read lies outside its range, or has none.
 pub(crate) fn is_outside(usual: &[Usual], state: &State) -> bool {
-    let outside = |covariate: &Usual| match state.covariate(&covariate.name) {
-        Ok(value) => covariate.place(value).is_none_or(|(_, widths)| widths > 0.0),
-        Err(_) => false,
-    };
-    usual.iter().any(outside)
+    is_outside_or_none(usual, state).unwrap_or(true)
 }
 
-/// Whether one of these is no such quantity: a broken sensor, or another unit.
-pub(crate) fn has_implausible(usual: &[Usual], state: &State) -> bool {
-    let is_none = |covariate: &Usual| {
-        let place = state.covariate(&covariate.name).ok().and_then(|value| Some((value, covariate.place(value)?.0)));
-        place.is_some_and(|(value, nearest)| is_implausible(&covariate.name, (value - nearest).abs()))
-    };
-    usual.iter().any(is_none)
+/// The same; `None` where one is no such quantity: a broken sensor, or another unit.
+pub(crate) fn is_outside_or_none(usual: &[Usual], state: &State) -> Option<bool> {
+    let mut outside = false;
+    for covariate in usual {
+        // A problem in words would be made for each sample that lacks it.
+        let CovariateValue::Fresh(value) = state.covariates.covariate(&covariate.name) else { continue };
+        let Some((nearest, widths)) = covariate.place(value) else {
+            outside = true;
+            continue;
+        };
+        if is_implausible(&covariate.name, (value - nearest).abs()) {
+            return None;
+        }
+        outside |= widths > 0.0;
+    }
+    Some(outside)
 }
 
 /// Covariates that an effect lacks, each with its usual range.
