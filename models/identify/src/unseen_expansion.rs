@@ -16,7 +16,7 @@ use crate::identified::Identified;
 use crate::linear::dot;
 use crate::rows::{Rows, parameters_of};
 use crate::term::CampaignRow;
-use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, Effect, State, is_derived};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Effect, State, along_columns, is_derived};
 use abbe_geometry::model::FittedEffect;
 use abbe_geometry::seen::TEMPERATURE;
 use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
@@ -212,13 +212,7 @@ impl Asked<'_> {
         reading_m[axis.index()] = at_m;
         let warmer = Warmer { row: CampaignRow { campaign: self.campaign, reading }, raised_k };
         let state = State { reading_m, offset_m: own.offset_m, covariates: &warmer };
-        let mut moved = vec![0.0; effect.parameters().len()];
-        let mut part = |parameter: usize, acts: Acts, amount: f64| {
-            if acts == Acts::Error(ErrorId::linear(axis, axis)) || acts == Acts::Tip(axis) {
-                moved[parameter] += amount;
-            }
-        };
-        effect.motion(&state, &mut part).ok().map(|()| moved)
+        along_columns(effect, effect.parameters().len(), &state, axis).ok()
     }
 
     fn open(&self, (axis, of_axis): (Axis, &OfAxis), sensor: usize) -> Open {

@@ -228,6 +228,23 @@ pub fn tip_columns(
     Ok(columns)
 }
 
+/// What a unit of each of the effect's `count` parameters moves the tip along an axis by (m per unit), as its positioning error or as a
+/// motion of the tip: not by levers of its rotations, nor by errors of other axes.
+pub fn along_columns(
+    effect: &dyn Effect,
+    count: usize,
+    state: &State,
+    axis: Axis,
+) -> Result<Vec<f64>, CovariateProblem> {
+    let mut columns = vec![0.0; count];
+    effect.motion(state, &mut |parameter, acts, amount| {
+        if acts == Acts::Error(ErrorId::linear(axis, axis)) || acts == Acts::Tip(axis) {
+            columns[parameter] += amount;
+        }
+    })?;
+    Ok(columns)
+}
+
 /// Adds the change of the measured range per unit of each of the effect's parameters (m per unit) to `columns`, one a
 /// parameter: the tip's motion along the sight, and what acts on the range alone. `by_error` as in [`tip_columns`].
 pub fn add_range_columns(

@@ -5,8 +5,8 @@
 //! axis only where it depends on where that axis stands or from which side it came: one that moves X with the reading of Y is no
 //! positioning of X.
 
-use abbe_geometry::axis::{Axis, ErrorId};
-use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, State};
+use abbe_geometry::axis::Axis;
+use abbe_geometry::effects::{CovariateSource, CovariateValue, State, along_columns};
 use abbe_geometry::model::{FittedEffect, MachineModel};
 use abbe_geometry::sampled::{errors_of, of_position};
 
@@ -69,15 +69,7 @@ fn along(model: &MachineModel, fitted: &FittedEffect, axis: Axis, share: f64, se
     let mut reading_m = stroke_m.map(|(lower_m, _)| lower_m);
     reading_m[axis.index()] += share * (stroke_m[axis.index()].1 - stroke_m[axis.index()].0);
     let state = State { reading_m, offset_m: model.parts().offset_centre_m, covariates: seen };
-    let mut parts = vec![0.0; fitted.parameters.len()];
-    let own = [Acts::Error(ErrorId::linear(axis, axis)), Acts::Tip(axis)];
-    let mut add = |k: usize, acts: Acts, part: f64| {
-        if let Some(sum) = parts.get_mut(k).filter(|_| own.contains(&acts)) {
-            *sum += part;
-        }
-    };
-    fitted.effect.motion(&state, &mut add).ok()?;
-    Some(parts)
+    along_columns(fitted.effect.as_ref(), fitted.parameters.len(), &state, axis).ok()
 }
 
 /// Errors of which a model says nothing: functions of kind zero, but for positioning along which an effect acts, and squareness without
