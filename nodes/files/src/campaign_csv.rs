@@ -85,8 +85,7 @@ impl Columns {
             length: require(LENGTH)?,
             covariates: (0..header.len()).filter(is_covariate).collect(),
         };
-        header.refuse_said_twice(&KNOWN)?;
-        header.refuse_unnamed_temperatures(&KNOWN)?;
+        header.check_covariates(&KNOWN)?;
         Ok(columns)
     }
 }

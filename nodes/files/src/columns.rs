@@ -175,9 +175,14 @@ impl Header {
         }
     }
 
-    /// Refuses a column that is one of these in another unit, where whatever is not known becomes a covariate: one quantity would be told
-    /// to depend on itself.
-    pub(crate) fn refuse_said_twice(&self, known: &[Known]) -> Result<(), FileError> {
+    /// Refuses what would be a wrong covariate, where whatever is not known becomes one.
+    pub(crate) fn check_covariates(&self, known: &[Known]) -> Result<(), FileError> {
+        self.refuse_said_twice(known)?;
+        self.refuse_unnamed_temperatures(known)
+    }
+
+    /// Refuses a column that is one of these in another unit: one quantity would be told to depend on itself.
+    fn refuse_said_twice(&self, known: &[Known]) -> Result<(), FileError> {
         let names = || self.names.iter().map(String::as_str).filter(|name| known.iter().all(|k| k.name != *name));
         match known.iter().find_map(|k| Some((names().find(|name| is_other_unit(name, *k))?, k))) {
             Some((other, own)) => Err(self.said_twice(other, own.name)),
@@ -186,7 +191,7 @@ impl Header {
     }
 
     /// Refuses a column that looks like a temperature and would not count as one: what a temperature does is judged by its unit.
-    pub(crate) fn refuse_unnamed_temperatures(&self, known: &[Known]) -> Result<(), FileError> {
+    fn refuse_unnamed_temperatures(&self, known: &[Known]) -> Result<(), FileError> {
         let mut names = self.names.iter().filter(|name| known.iter().all(|k| k.name != **name));
         let Some(other) = names.find(|name| is_like_temperature(name)) else { return Ok(()) };
         let problem = "the column looks like a temperature, and its name does not end in _c (a small letter), as those in degrees Celsius do";

@@ -142,8 +142,7 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let (cycle, reached) = (require(CYCLE)?, Reached::new(header)?);
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
-    header.refuse_said_twice(&RUNS)?;
-    header.refuse_unnamed_temperatures(&RUNS)?;
+    header.check_covariates(&RUNS)?;
     let header_place = header.place();
     let read = rows(source, |row| {
         let target_mm = row.number(target)?;
@@ -271,8 +270,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
     }
     used.extend(said.iter().filter_map(|name| header.find(name)));
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
-    header.refuse_said_twice(&[TIME, U_PLATE])?;
-    header.refuse_unnamed_temperatures(&[TIME, U_PLATE])?;
+    header.check_covariates(&[TIME, U_PLATE])?;
     if u.is_none() {
         refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
     }
