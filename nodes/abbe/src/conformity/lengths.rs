@@ -9,7 +9,7 @@ use super::{
 use crate::pipeline::software;
 use crate::provenance::made_from;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, REPEATABILITY_RULE, evaluate};
-use abbe_conformity::{DecisionRule, MaximumPermissibleError, SupportedLimit, Verdict};
+use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
 use abbe_report::{
     Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone, digits,
@@ -389,12 +389,7 @@ fn at(line: &str, length_m: f64) -> String {
     format!("on {line} at {:.1} mm", length_m * 1e3)
 }
 
-fn key_figures(
-    errors: &LengthErrors,
-    frontier: &abbe_conformity::Frontier,
-    limits: &Limits,
-    rule: &DecisionRule,
-) -> Section {
+fn key_figures(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule: &DecisionRule) -> Section {
     let figure = |label: &str, value: Option<Quantity>, unit: &str, detail: String| KeyFigure {
         label: label.to_owned(),
         value,

@@ -330,12 +330,11 @@ impl About {
     /// What the rotations of each axis turn: the vector from their pivot to the tip. It follows the chain ([`abbe_geometry::chain`]): an axis
     /// on the tool side turns what it carries, one on the workpiece side all that stands between the tool and its table.
     fn lever_words(&self) -> String {
+        let joints = &self.machine.joints;
+        let place_of = |axis: Axis| joints.iter().position(|joint| joint.axis == axis).unwrap_or_default();
         let levers = Axis::ALL.map(|axis| {
-            let place = self.machine.joints.iter().position(|joint| joint.axis == axis).unwrap_or_default();
-            let is_in = |other: Axis| {
-                let own = self.machine.joints.iter().position(|joint| joint.axis == other).unwrap_or_default();
-                own > place || other == axis && self.machine.joints[place].side == Side::Workpiece
-            };
+            let place = place_of(axis);
+            let is_in = |other: Axis| place_of(other) > place || other == axis && joints[place].side == Side::Workpiece;
             let parts = Axis::ALL.map(|other| {
                 let lower = other.lower();
                 if is_in(other) { format!("o{lower} + {lower}") } else { format!("o{lower}") }

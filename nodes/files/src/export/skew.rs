@@ -12,6 +12,7 @@ use super::{About, Format, fixed, geometric_error_m, of_places, refused};
 use crate::error::FileError;
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::Axis;
+use abbe_measurement::alignment::aligned_residuals_m;
 
 /// Shear by plane (rad): error of the first axis by the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,7 +58,8 @@ pub(super) fn skew(
         error_m(reading_m) + (reading_m - place_m)
     };
     let after_m: Vec<Vector3<f64>> = places_m.iter().map(left_m).collect();
-    let [before_um, after_um] = [before_m, after_m].map(|errors_m| rms_m(&places_m, &errors_m) * 1e6);
+    let rms_um = |errors_m: &[Vector3<f64>]| Ok::<f64, FileError>(rms_m(format, &places_m, errors_m)? * 1e6);
+    let (before_um, after_um) = (rms_um(&before_m)?, rms_um(&after_m)?);
     if after_um >= before_um {
         let problem = format!(
             "no factor makes the error over the volume smaller: {before_um:.3} um rms before, {after_um:.3} um after"
@@ -117,19 +119,11 @@ fn slope(places_m: &[Vector3<f64>], errors_m: &[Vector3<f64>], of: usize, by: us
         / arms_m().map(|arm_m| arm_m * arm_m).sum::<f64>()
 }
 
-/// Root mean square of the errors over a product grid after their best shift and turn (m). On such a grid each turn is seen by itself.
-fn rms_m(places_m: &[Vector3<f64>], errors_m: &[Vector3<f64>]) -> f64 {
-    let count = places_m.len() as f64;
-    let middle = |vectors: &[Vector3<f64>]| vectors.iter().sum::<Vector3<f64>>() / count;
-    let (middle_m, shift_m) = (middle(places_m), middle(errors_m));
-    let arms_m: Vec<Vector3<f64>> = places_m.iter().map(|place_m| place_m - middle_m).collect();
-    let moments = arms_m.iter().zip(errors_m).map(|(arm_m, error_m)| arm_m.cross(error_m)).sum::<Vector3<f64>>();
-    let squares = arms_m.iter().map(|arm_m| arm_m.component_mul(arm_m)).sum::<Vector3<f64>>();
-    let turn_rad = Vector3::new(
-        moments.x / (squares.y + squares.z),
-        moments.y / (squares.z + squares.x),
-        moments.z / (squares.x + squares.y),
-    );
-    let left_m = arms_m.iter().zip(errors_m).map(|(arm_m, error_m)| error_m - shift_m - turn_rad.cross(arm_m));
-    (left_m.map(|left_m| left_m.norm_squared()).sum::<f64>() / count).sqrt()
+/// Root mean square of the errors at these places after their best shift and turn (m).
+fn rms_m(format: &Format, places_m: &[Vector3<f64>], errors_m: &[Vector3<f64>]) -> Result<f64, FileError> {
+    let moved_m: Vec<Vector3<f64>> =
+        places_m.iter().zip(errors_m).map(|(place_m, error_m)| place_m + error_m).collect();
+    let left_m = aligned_residuals_m(&moved_m, places_m)
+        .map_err(|error| refused(format, error.to_string(), "measure in a volume, along all three axes"))?;
+    Ok((left_m.iter().map(Vector3::norm_squared).sum::<f64>() / left_m.len() as f64).sqrt())
 }
