@@ -5,7 +5,7 @@
 use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
 use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
-use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
+use abbe_identify::verdict::{Grade, Verdict, ask_held_functions, of_campaign, stroke, widened};
 use abbe_identify::{
     Along, By, CorrelatedNoise, Evidence, IdentifyError, IdentifyOptions, Noise, Progress, RangeCorrelation,
 };
@@ -143,7 +143,8 @@ pub(crate) fn identify(
     let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
         .map_err(|error| with_stroke(error, machine, &loaded.campaign))
         .with_context(|| loaded.source.file.clone())?;
-    let verdict = of_campaign(&loaded.campaign, &fit);
+    let mut verdict = of_campaign(&loaded.campaign, &fit);
+    ask_held_functions(&mut verdict, &machine.machine, machine.instrument, &loaded.campaign, &options, observe)?;
     verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&fit.evidence))?;
     let abbe_identify::Identified { model, evidence, residuals_m, u_m, .. } = fit;
     let file = ModelFile {

@@ -92,6 +92,13 @@ pub enum Cause {
     },
     /// Gross errors all over.
     Scattered,
+    /// The machine file holds at zero what the readings ask for.
+    Held {
+        /// Names of the error functions.
+        errors: Vec<String>,
+        /// Mean square of normalised residuals with them held, and free.
+        squares: (f64, f64),
+    },
     /// The model lacks an effect.
     Lacks,
     /// One of several offsets is not what the campaign says of it.

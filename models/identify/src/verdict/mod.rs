@@ -19,6 +19,7 @@
 
 mod causes;
 mod coverage;
+mod held;
 mod misfit;
 mod of_campaign;
 mod resolution;
@@ -28,6 +29,7 @@ mod words;
 
 pub use causes::Cause;
 pub use coverage::{stroke, stroke_along};
+pub use held::ask_held_functions;
 pub use misfit::{Counted, of_noise, of_rejected};
 pub use of_campaign::{of_campaign, widened};
 pub use resolution::coarsest_step;

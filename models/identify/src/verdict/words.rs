@@ -158,6 +158,15 @@ impl fmt::Display for Cause {
             Cause::Scattered => f.write_str(
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
             ),
+            Cause::Held { errors, squares: (held, free) } => write!(
+                f,
+                "the machine file holds {} at zero: free, {} the mean square of normalised residuals from {} to {}; take the line out \
+                 of [error_functions], with three offsets or more that are not in a line where it is a rotation",
+                errors.join(", "),
+                if errors.len() == 1 { "it takes" } else { "they take" },
+                three_digits(*held),
+                three_digits(*free),
+            ),
             Cause::Lacks => f.write_str("the model lacks an effect that abbe diagnose may name"),
             Cause::Offsets { count } => write!(
                 f,
