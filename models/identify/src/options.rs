@@ -3,6 +3,7 @@
 //! Place in the flow: filled by the command line or a test; nothing here has a hidden default elsewhere.
 
 use crate::range_correlation::RangeCorrelation;
+pub use abbe_measurement::instrument::U_ABSOLUTE_ZERO_M;
 
 /// How many coefficients each error function gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,11 +14,6 @@ pub enum OrderChoice {
     /// Exactly what the machine file says, without penalty.
     Fixed,
 }
-
-/// How well the zero of an instrument of absolute distances is known (m, k = 1). Its offset and that of a reflector's centre are some 10 µm
-/// each, and held at zero, 20 µm of it were 3.6 µm of error at an uncertainty of 1 µm. So wide that a reflector whose radius was left out is
-/// found as well.
-pub const U_ABSOLUTE_ZERO_M: f64 = 1e-3;
 
 /// What is believed of how the noise of ranges is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -53,7 +53,8 @@ pub enum StartError {
     Inconsistent,
 }
 
-/// Position and dead path from nominal points; with `absolute` the dead path is zero.
+/// Position and dead path from nominal points; with `absolute` the dead path is zero: a constant of the instrument moves the place, and an
+/// adjustment that begins there finds it.
 ///
 /// The linear solution is dragged by gross errors. Least absolute values, whose minimum is one and which up to half
 /// of the readings cannot move far, lead back; Hampel's weights then bring full efficiency.
@@ -183,6 +184,16 @@ mod tests {
         let found = start(&readings(&absolute), true).unwrap();
         assert_eq!(found.dead_path_m, 0.0);
         assert!((found.position_m - TRUTH.position_m).norm() < 1e-11);
+    }
+
+    /// 1 mm is what is said of the zero. Lines that disagree by 2 mm contradict their station where campaigns are identified.
+    #[test]
+    fn a_constant_of_an_absolute_instrument_moves_the_place_by_little_more_and_leaves_less() {
+        let constant = StationStart { dead_path_m: 1e-3, ..TRUTH };
+        let points = readings(&constant);
+        let found = start(&points, true).unwrap();
+        assert!((found.position_m - TRUTH.position_m).norm() < 2e-3, "{found:?}");
+        assert!(points.iter().all(|point| residual_m(&found, point).abs() < 1e-3));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 use crate::PointResidual;
 use crate::problem::Problem;
 use abbe_geometry::Vector3;
+use abbe_measurement::instrument::U_ABSOLUTE_ZERO_M;
 use abbe_measurement::network::{self, Network, NetworkError, NetworkOptions, Placed, Sighting, Start};
 use std::collections::BTreeMap;
 
@@ -28,7 +29,8 @@ pub(crate) fn of_poses(problem: &Problem, poses: &[Vec<usize>]) -> Result<OfNetw
     let placed = |s: &abbe_geometry::model::Station| Placed { position_m: s.position_m, dead_path_m: s.dead_path_m };
     let stations: Vec<Placed> = problem.placed.iter().map(placed).collect();
     // Models of earlier software hold the dead paths of an instrument that knows its distance at zero.
-    let options = NetworkOptions { absolute: stations.iter().all(|s| s.dead_path_m == 0.0), robust: true };
+    let is_held = stations.iter().all(|s| s.dead_path_m == 0.0);
+    let options = NetworkOptions { u_dead_path_m: is_held.then_some(U_ABSOLUTE_ZERO_M), robust: true };
     let start = Start { stations, points_m: centres };
     let Network { points, chi2, degrees, .. } = network::solve(&start, &sightings, options, &mut |_| true)?;
     let mut used = 0;

@@ -8,7 +8,7 @@ use super::pairs::{self, LeftOut, RejectedPair};
 use super::problem::{MANY, Problem};
 use super::targets::{Target, group, indicated_m};
 use crate::campaign::{Campaign, RangeReading};
-use crate::instrument::RangeUncertainty;
+use crate::instrument::{RangeUncertainty, U_ABSOLUTE_ZERO_M};
 use crate::network::{self, LEAST_STATIONS, Network, NetworkError, Placed, PointProblem, Progress, Sighting};
 use crate::robust;
 use crate::station_start::{self, PointAndLength};
@@ -27,7 +27,7 @@ pub struct MultilaterationOptions {
     pub pair_limit_m: Option<f64>,
     /// Readings whose indicated reflector positions differ by less than this (m) are of one point.
     pub same_point_m: f64,
-    /// Lengths are distances: there are no dead paths.
+    /// Lengths are distances: dead paths are zero, but for [`U_ABSOLUTE_ZERO_M`].
     pub absolute_range: bool,
 }
 
@@ -133,7 +133,8 @@ pub fn solve(
     }
     let start = network::Start { stations, points_m: targets.iter().map(Target::indicated_m).collect() };
     let sightings: Vec<Sighting> = sights.iter().map(|sight| sight.sighting).collect();
-    let network_options = network::NetworkOptions { absolute: options.absolute_range, robust: true };
+    let u_dead_path_m = options.absolute_range.then_some(U_ABSOLUTE_ZERO_M);
+    let network_options = network::NetworkOptions { u_dead_path_m, robust: true };
     let found = network::solve(&start, &sightings, network_options, observe)
         .map_err(|why| of_network(&campaign.stations, why, left_out))?;
     Ok(told(campaign, (targets, target_of), (rejected, left_out), &sights, found))

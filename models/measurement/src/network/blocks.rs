@@ -22,7 +22,7 @@ pub(super) struct PointBlock {
 
 /// Stations with the points eliminated.
 pub(super) struct Reduced {
-    /// R, with ones in place of what is not unknown.
+    /// R.
     pub(super) matrix: DMatrix<f64>,
     pub(super) right: DVector<f64>,
     /// N_pp⁻¹ of each point.
@@ -44,13 +44,29 @@ pub(super) struct Blocks {
     pub(super) points: Vec<PointBlock>,
     /// Orthonormal motions of the whole, as the stations see them.
     pub(super) motions: DMatrix<f64>,
-    /// What is not unknown: dead paths of absolute ranges.
-    fixed: Vec<usize>,
+}
+
+/// Where the dead path of a station is among the unknowns.
+fn dead_path(station: usize) -> usize {
+    EACH * station + 3
 }
 
 /// Derivative of a predicted length by the station.
-pub(super) fn by_station(ray: &Vector3<f64>, absolute: bool) -> Vector4<f64> {
-    (-ray).push(if absolute { 0.0 } else { -1.0 })
+pub(super) fn by_station(ray: &Vector3<f64>) -> Vector4<f64> {
+    (-ray).push(-1.0)
+}
+
+impl Reduced {
+    /// As if all dead paths were known.
+    pub(super) fn hold_dead_paths(&mut self) {
+        let paths = (0..self.matrix.nrows() / EACH).map(dead_path);
+        for path in paths.clone() {
+            self.matrix.row_mut(path).fill(0.0);
+            self.matrix.column_mut(path).fill(0.0);
+        }
+        let typical = (self.matrix.trace() / self.matrix.nrows() as f64).max(f64::MIN_POSITIVE);
+        paths.for_each(|path| self.matrix[(path, path)] = typical);
+    }
 }
 
 impl Blocks {
@@ -65,7 +81,7 @@ impl Blocks {
                 let (residual_m, ray) = search.row(k);
                 let s = &search.sightings[k];
                 let information = 1.0 / (s.u_m * s.u_m);
-                let column = by_station(&ray, search.absolute);
+                let column = by_station(&ray);
                 block.normal += ray * ray.transpose() * information;
                 block.right += ray * (residual_m * information);
                 block.coupling.push((s.station, column * ray.transpose() * information));
@@ -77,9 +93,15 @@ impl Blocks {
             }
             points.push(block);
         }
-        let fixed =
-            if search.absolute { (0..search.stations.len()).map(|k| EACH * k + 3).collect() } else { Vec::new() };
-        Blocks { stations, right, points, motions: motions(&search.stations), fixed }
+        if let Some(u_m) = search.u_dead_path_m {
+            let information = 1.0 / (u_m * u_m);
+            for (k, station) in search.stations.iter().enumerate() {
+                let path = dead_path(k);
+                stations[(path, path)] += information;
+                right[path] -= station.dead_path_m * information;
+            }
+        }
+        Blocks { stations, right, points, motions: motions(&search.stations) }
     }
 
     /// The stations' equations, each diagonal entry grown by the damping.
@@ -102,8 +124,6 @@ impl Blocks {
             }
             inverses.push(inverse);
         }
-        let typical = (matrix.trace() / matrix.nrows() as f64).max(f64::MIN_POSITIVE);
-        self.fixed.iter().for_each(|k| matrix[(*k, *k)] += typical);
         Ok(Reduced { matrix, right, inverses })
     }
 
@@ -118,10 +138,6 @@ impl Blocks {
         let typical = reduced.matrix.trace() / reduced.matrix.nrows() as f64;
         let mut inverse = self.filled(reduced).cholesky().ok_or(NetworkError::Singular)?.inverse();
         inverse -= &self.motions * self.motions.transpose() / typical;
-        for k in &self.fixed {
-            inverse.row_mut(*k).fill(0.0);
-            inverse.column_mut(*k).fill(0.0);
-        }
         Ok(inverse)
     }
 

@@ -1,6 +1,6 @@
 //! Why there is no network, or no point; what can be told before any arithmetic.
 
-use super::{LEAST_STATIONS, Sighting, Start};
+use super::{LEAST_STATIONS, NetworkOptions, Sighting, Start};
 use thiserror::Error;
 
 /// Why a point has no position; the text says what to do.
@@ -66,6 +66,9 @@ pub enum NetworkError {
         "sighting {0}: a length, uncertainty or start is not a usable number, or its station or point is not listed"
     )]
     Unusable(usize),
+    /// An uncertainty that is none.
+    #[error("the uncertainty of dead paths that are known beforehand is not above zero")]
+    DeadPath,
     /// The same range twice.
     #[error("sighting {0} repeats an earlier one of the same station and point; average them first")]
     Duplicate(usize),
@@ -106,7 +109,10 @@ fn list(stations: &[usize]) -> String {
 }
 
 /// Refuses what no adjustment can use.
-pub(super) fn check(start: &Start, sightings: &[Sighting]) -> Result<(), NetworkError> {
+pub(super) fn check(start: &Start, sightings: &[Sighting], options: NetworkOptions) -> Result<(), NetworkError> {
+    if options.u_dead_path_m.is_some_and(|u_m| !(u_m.is_finite() && u_m > 0.0)) {
+        return Err(NetworkError::DeadPath);
+    }
     if start.stations.len() < LEAST_STATIONS {
         return Err(NetworkError::TooFewStations(start.stations.len()));
     }

@@ -16,13 +16,14 @@ pub(super) fn finish(mut search: Search, start: &Start) -> Result<Network, Netwo
     let chi2 = search.chi2();
     let points: Vec<usize> = search.solvable().collect();
     let used = search.used.iter().filter(|used| **used).count();
-    let degrees = used.saturating_sub(3 * points.len() + search.unknowns_of_stations());
-    // What was declared holds parts that residuals do not show: they may prove it too small, never too large.
-    let noise = Claim::declared(chi2 / degrees.max(1) as f64, degrees).variance();
     align(&mut search, start, &points)?;
     let blocks = Blocks::new(&search);
     let reduced = blocks.reduced(0.0)?;
     let transformed = Transformation::new(&search, &blocks, &reduced)?;
+    let unknowns = 3 * points.len() + search.unknowns_of_stations() + transformed.dead_paths_told(&search);
+    let degrees = used.saturating_sub(unknowns);
+    // What was declared holds parts that residuals do not show: they may prove it too small, never too large.
+    let noise = Claim::declared(chi2 / degrees.max(1) as f64, degrees).variance();
     let mut solved = vec![None; search.points_m.len()];
     for place in 0..points.len() {
         solved[points[place]] = Some(transformed.point(&search, &blocks, &reduced, place, noise));
@@ -95,6 +96,14 @@ impl Transformation {
         let shared = &by_stations * &stations * by_stations.transpose();
         let of_all = of_ranges + shared.fixed_view::<6, 6>(0, 0);
         Ok(Transformation { centre_m, stations, by_stations, inverse, of_ranges, of_all })
+    }
+
+    /// How many dead paths the ranges told, of those known beforehand: each costs a degree of freedom as far as they narrow it.
+    fn dead_paths_told(&self, search: &Search) -> usize {
+        let Some(u_m) = search.u_dead_path_m else { return 0 };
+        let left = |k: usize| self.stations[(EACH * k + 3, EACH * k + 3)] / (u_m * u_m);
+        let told: f64 = (0..search.stations.len()).map(|k| (1.0 - left(k)).clamp(0.0, 1.0)).sum();
+        told.round() as usize
     }
 
     fn point(&self, search: &Search, blocks: &Blocks, reduced: &Reduced, place: usize, noise: f64) -> Point {

@@ -58,7 +58,7 @@ pub struct Sighting {
 pub struct Placed {
     /// Position (m).
     pub position_m: Vector3<f64>,
-    /// Distance at length zero (m); zero where lengths are distances.
+    /// Distance at length zero (m); nearly zero where lengths are distances.
     pub dead_path_m: f64,
 }
 
@@ -72,10 +72,10 @@ pub struct Start {
 }
 
 /// How a network is adjusted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetworkOptions {
-    /// Lengths are distances: dead paths stay as the start has them.
-    pub absolute: bool,
+    /// How well dead paths are known to be zero beforehand (m, k = 1), where lengths are distances; `None` where nothing is known of them.
+    pub u_dead_path_m: Option<f64>,
     /// Gross errors are looked for and left out.
     pub robust: bool,
 }
@@ -146,7 +146,7 @@ pub fn solve(
     options: NetworkOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Network, NetworkError> {
-    error::check(start, sightings)?;
+    error::check(start, sightings, options)?;
     let mut search = Search::new(start, sightings, options);
     for round in 1.. {
         match search.round(round, observe) {
@@ -165,7 +165,7 @@ pub fn solve(
 /// A network in work.
 struct Search<'a> {
     sightings: &'a [Sighting],
-    absolute: bool,
+    u_dead_path_m: Option<f64>,
     stations: Vec<Placed>,
     points_m: Vec<Vector3<f64>>,
     /// Sightings of each point.
@@ -182,7 +182,7 @@ impl<'a> Search<'a> {
         sightings.iter().enumerate().for_each(|(k, s)| of_point[s.point].push(k));
         Search {
             sightings,
-            absolute: options.absolute,
+            u_dead_path_m: options.u_dead_path_m,
             stations: start.stations.clone(),
             points_m: start.points_m.clone(),
             problems: vec![None; of_point.len()],
@@ -224,12 +224,19 @@ impl<'a> Search<'a> {
 
     fn chi2(&self) -> f64 {
         let of = |k: usize| (self.row(k).0 / self.sightings[k].u_m).powi(2);
-        (0..self.sightings.len()).filter(|k| self.used[*k]).map(of).sum()
+        let of_sightings: f64 = (0..self.sightings.len()).filter(|k| self.used[*k]).map(of).sum();
+        of_sightings + self.chi2_of_dead_paths()
     }
 
-    /// Unknowns beside points, less the six of the frame.
+    /// What dead paths add that are known beforehand.
+    fn chi2_of_dead_paths(&self) -> f64 {
+        let Some(u_m) = self.u_dead_path_m else { return 0.0 };
+        self.stations.iter().map(|station| (station.dead_path_m / u_m).powi(2)).sum()
+    }
+
+    /// Unknowns beside points that no plan may leave open: without the six of the frame, and without dead paths that are known beforehand.
     fn unknowns_of_stations(&self) -> usize {
-        let each = if self.absolute { 3 } else { 4 };
+        let each = if self.u_dead_path_m.is_some() { 3 } else { 4 };
         each * self.stations.len() - 6
     }
 

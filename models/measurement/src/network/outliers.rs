@@ -88,7 +88,7 @@ fn standardised(search: &Search) -> Result<Vec<OfPoint>, NetworkError> {
             let s = &search.sightings[k];
             let mut of_stations = nalgebra::DVector::zeros(EACH * stations.len());
             for (place, (station, gain)) in gains.iter().enumerate() {
-                let direct = if *station == s.station { by_station(&ray, search.absolute) } else { Vector4::zeros() };
+                let direct = if *station == s.station { by_station(&ray) } else { Vector4::zeros() };
                 of_stations.fixed_rows_mut::<EACH>(EACH * place).copy_from(&(gain * ray + direct));
             }
             let predicted = ray.dot(&(inverse * ray)) + of_stations.dot(&(&own * &of_stations));

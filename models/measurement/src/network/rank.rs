@@ -70,7 +70,11 @@ pub(super) fn check(search: &Search) -> Result<(), NetworkError> {
         });
     }
     let blocks = Blocks::new(search);
-    let reduced = blocks.reduced(0.0)?;
+    let mut reduced = blocks.reduced(0.0)?;
+    if search.u_dead_path_m.is_some() {
+        // What is known of them bounds what they leave open, whether the plan tells them or not; U says how far.
+        reduced.hold_dead_paths();
+    }
     let eigen = blocks.filled(&reduced).symmetric_eigen();
     let weakest = eigen.eigenvalues.imin();
     let least = eigen.eigenvalues[weakest];

@@ -3,13 +3,14 @@
 use super::error::Lack;
 use super::*;
 use crate::alignment::aligned_residuals_m;
+use crate::instrument::U_ABSOLUTE_ZERO_M;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const U_M: f64 = 0.3e-6;
-const FREE: NetworkOptions = NetworkOptions { absolute: false, robust: true };
-const ABSOLUTE: NetworkOptions = NetworkOptions { absolute: true, robust: true };
+const FREE: NetworkOptions = NetworkOptions { u_dead_path_m: None, robust: true };
+const ABSOLUTE: NetworkOptions = NetworkOptions { u_dead_path_m: Some(U_ABSOLUTE_ZERO_M), robust: true };
 
 fn stations() -> Vec<Vector3<f64>> {
     [[-0.3, -0.3, -0.2], [1.2, -0.2, -0.3], [1.1, 1.3, -0.1], [-0.2, 1.2, -0.3], [0.4, -0.5, 1.1], [1.3, 0.5, 0.9]]
@@ -34,6 +35,11 @@ fn dead_path_m(station: usize) -> f64 {
     0.2 + 0.07 * station as f64
 }
 
+/// A distance at length zero as each kind of instrument has it: the constant of an absolute one is not zero.
+fn dead_of(options: NetworkOptions, station: usize) -> f64 {
+    if options.u_dead_path_m.is_some() { 20e-6 } else { dead_path_m(station) }
+}
+
 struct Case {
     start: Start,
     actual: Vec<Vector3<f64>>,
@@ -41,18 +47,20 @@ struct Case {
 }
 
 /// Every station sees every point for which `seen` holds; starts are off by millimetres.
-fn case(stations: &[Vector3<f64>], absolute: bool, seen: impl Fn(usize, usize) -> bool) -> Case {
+fn case_of(stations: &[Vector3<f64>], options: NetworkOptions, seen: impl Fn(usize, usize) -> bool) -> Case {
     let actual: Vec<Vector3<f64>> = points().iter().map(bent).collect();
-    let dead = |k: usize| if absolute { 0.0 } else { dead_path_m(k) };
     let mut sightings = Vec::new();
     for (station, place) in stations.iter().enumerate() {
         for (point, position) in actual.iter().enumerate().filter(|(point, _)| seen(station, *point)) {
-            let length_m = (position - place).norm() - dead(station);
+            let length_m = (position - place).norm() - dead_of(options, station);
             sightings.push(Sighting { station, point, shift_m: Vector3::zeros(), length_m, u_m: U_M });
         }
     }
     let off = |k: usize| Vector3::new((k as f64).sin(), (2.3 * k as f64).cos(), (0.7 * k as f64).sin()) * 2e-3;
-    let placed = |(k, s): (usize, &Vector3<f64>)| Placed { position_m: s + off(k), dead_path_m: dead(k) };
+    let placed = |(k, s): (usize, &Vector3<f64>)| Placed {
+        position_m: s + off(k),
+        dead_path_m: if options == FREE { dead_path_m(k) } else { 0.0 },
+    };
     let stations = stations.iter().enumerate().map(placed).collect();
     Case { start: Start { stations, points_m: points() }, actual, sightings }
 }
@@ -85,15 +93,16 @@ fn run(case: &Case, sightings: &[Sighting], options: NetworkOptions) -> Result<N
 #[test]
 fn exact_ranges_give_stations_dead_paths_and_points_back() {
     for options in [FREE, ABSOLUTE] {
-        let case = case(&stations(), options.absolute, |_, _| true);
+        let case = case_of(&stations(), options, |_, _| true);
         let found = run(&case, &case.sightings, options).unwrap();
         let worst = case.errors(&found).iter().map(|(_, e)| e.norm()).fold(0.0, f64::max);
         // Rounding of 1e-16 m by the condition of the network.
         assert!(worst < 1e-10, "{worst:e}");
         for (k, station) in found.stations.iter().enumerate() {
-            let dead = if options.absolute { 0.0 } else { dead_path_m(k) };
+            let dead = dead_of(options, k);
             assert!((station.placed.dead_path_m - dead).abs() < 1e-10);
-            assert_eq!(station.covariance_m2[(3, 3)] == 0.0, options.absolute);
+            let known = options.u_dead_path_m.unwrap_or(f64::INFINITY);
+            assert!((1e-9..0.01 * known).contains(&station.covariance_m2[(3, 3)].sqrt()), "{station:?}");
         }
         assert!(found.rejected.is_empty() && found.noise == 1.0);
     }
@@ -101,7 +110,7 @@ fn exact_ranges_give_stations_dead_paths_and_points_back() {
 
 #[test]
 fn the_frame_is_that_in_which_points_fit_their_starts_best() {
-    let case = case(&stations(), false, |_, _| true);
+    let case = case_of(&stations(), FREE, |_, _| true);
     let found = run(&case, &case.noisy(&mut ChaCha8Rng::seed_from_u64(1)), FREE).unwrap();
     let (mut shift, mut turn) = (Vector3::zeros(), Vector3::zeros());
     for (point, start) in found.points.iter().zip(&case.start.points_m) {
@@ -118,7 +127,7 @@ fn stated_uncertainties_are_the_scatter() {
     // Half of the points are seen by three stations of six only.
     let few = |station: usize, point: usize| point.is_multiple_of(2) || (station + point / 2).is_multiple_of(2);
     for (options, seed) in [(FREE, 2), (ABSOLUTE, 3)] {
-        let case = case(&stations(), options.absolute, few);
+        let case = case_of(&stations(), options, few);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let exact = run(&case, &case.sightings, options).unwrap();
         let (mut inside, mut all, mut square, mut dead) = (0.0, 0.0, 0.0, 0.0);
@@ -136,7 +145,7 @@ fn stated_uncertainties_are_the_scatter() {
             }
             for (station, exact) in found.stations.iter().zip(&exact.stations) {
                 let off = station.placed.dead_path_m - exact.placed.dead_path_m;
-                dead += off * off / station.covariance_m2[(3, 3)].max(1e-30) / f64::from(6 * trials);
+                dead += off * off / station.covariance_m2[(3, 3)] / f64::from(6 * trials);
                 let off = station.placed.position_m - exact.placed.position_m;
                 let inverse = station.covariance_m2.fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
                 // χ² of three; six stations of sixty trials.
@@ -148,13 +157,13 @@ fn stated_uncertainties_are_the_scatter() {
         // Points share their stations, so 18 000 errors count as some 60 × 18.
         assert!((coverage - 0.95).abs() < 0.02, "{coverage}");
         assert!((rms - 1.0).abs() < 0.05, "{rms}");
-        assert!(options.absolute || (dead - 1.0).abs() < 0.3, "{dead}");
+        assert!((dead - 1.0).abs() < 0.3, "{dead}");
     }
 }
 
 #[test]
 fn gross_errors_are_left_out_and_named_and_nothing_else_is() {
-    let case = case(&stations(), false, |_, _| true);
+    let case = case_of(&stations(), FREE, |_, _| true);
     let mut random = ChaCha8Rng::seed_from_u64(5);
     for size_m in [8e-6, 1e-4, 2e-3] {
         let mut spoilt = case.noisy(&mut random);
@@ -178,7 +187,7 @@ fn gross_errors_are_left_out_and_named_and_nothing_else_is() {
 
 #[test]
 fn an_error_that_four_stations_see_costs_the_point() {
-    let case = case(&stations(), false, |station, point| point != 40 || station < 4);
+    let case = case_of(&stations(), FREE, |station, point| point != 40 || station < 4);
     let mut spoilt = case.noisy(&mut ChaCha8Rng::seed_from_u64(6));
     let place = spoilt.iter().position(|s| s.point == 40 && s.station == 1).unwrap();
     spoilt[place].length_m += 2e-4;
@@ -189,7 +198,7 @@ fn an_error_that_four_stations_see_costs_the_point() {
 
 #[test]
 fn points_that_are_not_fixed_are_left_out_with_the_reason() {
-    let case = case(&stations(), false, |station, point| match point {
+    let case = case_of(&stations(), FREE, |station, point| match point {
         7 => station < 2,
         8 => station < 3,
         _ => true,
@@ -203,7 +212,7 @@ fn points_that_are_not_fixed_are_left_out_with_the_reason() {
 #[test]
 fn plans_that_leave_more_than_the_frame_open_are_refused_by_cause() {
     let refused = |stations: &[Vector3<f64>], seen: &dyn Fn(usize, usize) -> bool| {
-        let case = case(stations, false, seen);
+        let case = case_of(stations, FREE, seen);
         run(&case, &case.sightings, FREE).unwrap_err()
     };
     let lack = |error: NetworkError| match error {
@@ -228,7 +237,7 @@ fn plans_that_leave_more_than_the_frame_open_are_refused_by_cause() {
 #[test]
 fn bad_sightings_are_refused_by_their_place() {
     let with = |change: fn(&mut Vec<Sighting>)| {
-        let mut case = case(&stations(), false, |_, _| true);
+        let mut case = case_of(&stations(), FREE, |_, _| true);
         change(&mut case.sightings);
         run(&case, &case.sightings, FREE).unwrap_err()
     };
@@ -242,7 +251,7 @@ fn bad_sightings_are_refused_by_their_place() {
 
 #[test]
 fn a_request_to_stop_is_heard() {
-    let case = case(&stations(), false, |_, _| true);
+    let case = case_of(&stations(), FREE, |_, _| true);
     let mut steps = 0;
     let stopped = solve(&case.start, &case.sightings, FREE, &mut |progress| {
         steps += 1;
@@ -259,7 +268,7 @@ fn regress_two_gross_errors_of_a_point_hide_behind_no_third() {
     const POINT: usize = 47;
     let mut random = ChaCha8Rng::seed_from_u64(11);
     for (count, most_wrong) in [(5, 0.1), (6, 0.04)] {
-        let case = case(&stations()[..count], false, |_, _| true);
+        let case = case_of(&stations()[..count], FREE, |_, _| true);
         let off_by = |found: &Network| {
             let (_, error) = *case.errors(found).iter().find(|(k, _)| *k == POINT).unwrap();
             let covariance = found.points[POINT].as_ref().unwrap().covariance_m2;

@@ -20,6 +20,8 @@ use abbe_measurement::multilateration::point::{Sight, position};
 use abbe_measurement::multilateration::station::{Station, calibrate};
 use abbe_measurement::network::{self, Placed, Sighting};
 
+/// How well its network knows the zero of the tracer (m): the paper holds it, as its eq. 8 does.
+const HELD_M: f64 = 1e-9;
 /// Points of the volume at which corrected machines are compared: as many along each axis, most of them between nodes.
 const CHECKS: usize = 6;
 
@@ -137,7 +139,7 @@ fn network_points_m(experiment: &Experiment) -> Result<Vec<Vector3<f64>>, PaperE
         Sighting { station: *station, point: *point, shift_m: Vector3::zeros(), length_m, u_m }
     };
     let sightings: Vec<Sighting> = sums.iter().map(sighting).collect();
-    let options = network::NetworkOptions { absolute: true, robust: false };
+    let options = network::NetworkOptions { u_dead_path_m: Some(HELD_M), robust: false };
     let start = network::Start { stations, points_m };
     let found = network::solve(&start, &sightings, options, &mut |_| true).map_err(failed)?;
     found.points.into_iter().map(|point| point.map(|point| point.position_m).map_err(failed)).collect()
