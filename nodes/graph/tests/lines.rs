@@ -253,6 +253,35 @@ fn a_tracers_lines_say_station_and_uncertainty_or_the_launch_file_does() {
 }
 
 #[test]
+fn regress_a_silent_command_and_all_that_it_started_end_with_their_driver() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = folder.path().join("ids");
+    let script = format!("sleep 600 & echo $$ $! > {}; echo 7,0,0; wait", told.display());
+    let text =
+        format!("from = {{ command = [\"sh\", \"-c\", \"{script}\"] }}\ncolumns = [\"x_mm\", \"y_mm\", \"z_mm\"]\n");
+    let mut command = scale(&config(&text));
+    assert_eq!(next(command.as_mut()).0.reading_m[0], 7e-3);
+    let ids = std::fs::read_to_string(told).unwrap();
+    let since = Instant::now();
+    drop(command);
+    assert!(since.elapsed() < Duration::from_secs(5), "its end was waited for");
+    // A process that ended and was not waited for yet is a zombie.
+    let runs = |id: &str| std::fs::read_to_string(format!("/proc/{id}/stat")).is_ok_and(|stat| !stat.contains(") Z "));
+    let deadline = Instant::now() + Duration::from_secs(5);
+    while ids.split_whitespace().any(runs) {
+        assert!(Instant::now() < deadline, "{ids} still runs");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn regress_a_stamp_of_a_clock_that_was_never_set_is_refused() {
+    let text = "from = { command = [\"printf\", \"0,7,0,0\\\\n5,8,0,0\\\\n\"] }\ncolumns = [\"stamp_s\", \"x_mm\", \"y_mm\", \"z_mm\"]\n";
+    let mut command = scale(&config(text));
+    assert_eq!(next(command.as_mut()).0.reading_m[0], 8e-3);
+}
+
+#[test]
 fn a_wait_for_lines_ends_when_told_to_stop() {
     let (_listener, address) = server();
     let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"x_mm\", \"y_mm\", \"z_mm\"]\n");

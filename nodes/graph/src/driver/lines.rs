@@ -8,6 +8,7 @@
 pub(super) mod event;
 pub(super) mod port;
 mod row;
+mod running;
 mod serial;
 
 use super::Role;

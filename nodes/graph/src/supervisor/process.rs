@@ -18,6 +18,9 @@ use std::time::{Duration, Instant};
 /// What begins a line that a node passes on from its gateway: such a line is not the node's own last word.
 const GATEWAY: &str = "gateway: ";
 
+/// How long the streams of a node that has ended are read on.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
 /// How a node ended.
 #[derive(Debug)]
 pub(super) struct Ended {
@@ -140,8 +143,18 @@ impl NodeProcess {
     }
 
     fn collect(&mut self, status: ExitStatus) -> Ended {
-        let words = self.errors.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
-        if self.output.take().is_some_and(|thread| thread.join().is_err()) {
+        // What the node started may hold its streams for as long as it lives.
+        let since = Instant::now();
+        let is_read = |is_finished: bool| is_finished || since.elapsed() >= LAST_WORDS;
+        while !(self.errors.as_ref().is_none_or(|thread| is_read(thread.is_finished()))
+            && self.output.as_ref().is_none_or(|thread| is_read(thread.is_finished())))
+        {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let errors = self.errors.take().filter(JoinHandle::is_finished);
+        let words = errors.and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let output = self.output.take().filter(JoinHandle::is_finished);
+        if output.is_some_and(|thread| thread.join().is_err()) {
             tracing::error!(node = self.name.name(), "the thread that reads its output panicked");
         }
         let mut said = lock(&self.said);

@@ -4,6 +4,7 @@
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
 use super::event::{Ended, Event, Gone, Line, MOST_BYTES};
+use super::running::Running;
 use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
 use abbe_runtime::realtime::carry_samples;
@@ -11,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Weak};
 use std::thread;
@@ -70,6 +71,14 @@ pub(in crate::driver) struct Port {
     lines: u64,
     /// A thread that waits at a silent port learns from it that nobody listens any more.
     _listener: Arc<()>,
+    /// The command that runs, if lines come from one. The thread that reads it may wait for its next line, so it is ended from here.
+    running: Running,
+}
+
+impl Drop for Port {
+    fn drop(&mut self) {
+        self.running.end_for_good();
+    }
 }
 
 impl Port {
@@ -90,14 +99,16 @@ impl Port {
         let (give, events) = sync_channel(QUEUE);
         let listener = Arc::new(());
         let weak = Arc::downgrade(&listener);
+        let running = Running::default();
+        let runs = running.clone();
         let read = move || {
             // The instant at which a line was complete is its stamp. A program that is started is not to get the priority.
             let starts_a_program = matches!(source, Source::Command(_));
             let _realtime = (on_the_path && !starts_a_program).then(carry_samples);
-            source.run(&give, silent_after, &weak, on_the_path);
+            source.run(&give, silent_after, &weak, on_the_path, &runs);
         };
         thread::Builder::new().name("lines".into()).spawn(read)?;
-        Ok(Port { events, lines: 0, _listener: listener })
+        Ok(Port { events, lines: 0, _listener: listener, running })
     }
 
     /// The next event, within this time.
@@ -132,7 +143,14 @@ enum Source {
 }
 
 impl Source {
-    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>, on_the_path: bool) {
+    fn run(
+        &self,
+        give: &SyncSender<Event>,
+        silent_after: Duration,
+        listener: &Weak<()>,
+        on_the_path: bool,
+        running: &Running,
+    ) {
         let mut waits = Waits::new();
         loop {
             let outcome = match self {
@@ -142,7 +160,7 @@ impl Source {
                 }
                 Source::Packets(socket) => read_packets(socket, give),
                 Source::Serial(serial) => read_serial(serial, give, listener),
-                Source::Command(words) => read_command(words, give, on_the_path),
+                Source::Command(words) => read_command(words, give, on_the_path, running),
             };
             let why = match outcome {
                 Ok(Err(Gone)) => return,
@@ -212,32 +230,21 @@ fn read_packets(socket: &UdpSocket, give: &SyncSender<Event>) -> Ended {
     }
 }
 
-/// Ended with the loop that takes from it.
-struct Ending(Child);
-
-impl Drop for Ending {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn read_command(words: &[String], give: &SyncSender<Event>, on_the_path: bool) -> Ended {
+fn read_command(words: &[String], give: &SyncSender<Event>, on_the_path: bool, running: &Running) -> Ended {
     let (program, arguments) = words.split_first().ok_or(ErrorKind::InvalidInput)?;
     let mut command = Command::new(program);
-    let child = command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
-    let mut child = Ending(child);
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
+    let Some(output) = running.start(&mut command)? else { return Ok(Err(Gone)) };
     let _realtime = on_the_path.then(carry_samples);
-    let output = child.0.stdout.take().ok_or(ErrorKind::BrokenPipe)?;
-    if give.send(Event::Connected(program.clone())).is_err() {
+    let said = match give.send(Event::Connected(program.clone())) {
+        Ok(()) => read_lines(BufReader::new(output), give, Tail::Half),
+        Err(_) => Ok(Err(Gone)),
+    };
+    let status = running.end();
+    if let Err(Gone) = said? {
         return Ok(Err(Gone));
     }
-    if let Err(Gone) = read_lines(BufReader::new(output), give, Tail::Half)? {
-        return Ok(Err(Gone));
-    }
-    let status = child.0.wait()?;
-    Err(std::io::Error::other(format!("it ended with {status}")))
+    Err(std::io::Error::other(status.map_or("it was ended".to_owned(), |status| format!("it ended with {status}"))))
 }
 
 /// What a last line without an end of its own is.

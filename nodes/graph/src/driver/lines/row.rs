@@ -223,6 +223,7 @@ impl Table {
             }
         }
         row.stamp = match (stamped, self.columns.contains(&Column::Stamp)) {
+            (Some(0.0), _) => return Err("stamp_s is 0: a clock that was never set".to_owned()),
             (Some(seconds), _) => Stamp::from_seconds(seconds).map_err(|error| format!("stamp_s: {error}"))?,
             (None, true) => return Err("stamp_s holds no number".to_owned()),
             (None, false) => stamp_of(arrived)?,
