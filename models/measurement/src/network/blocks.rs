@@ -47,7 +47,7 @@ pub(super) struct Blocks {
 }
 
 /// Where the dead path of a station is among the unknowns.
-fn dead_path(station: usize) -> usize {
+fn row_of_dead_path(station: usize) -> usize {
     EACH * station + 3
 }
 
@@ -59,7 +59,7 @@ pub(super) fn by_station(ray: &Vector3<f64>) -> Vector4<f64> {
 impl Reduced {
     /// As if all dead paths were known.
     pub(super) fn hold_dead_paths(&mut self) {
-        let paths = (0..self.matrix.nrows() / EACH).map(dead_path);
+        let paths = (0..self.matrix.nrows() / EACH).map(row_of_dead_path);
         for path in paths.clone() {
             self.matrix.row_mut(path).fill(0.0);
             self.matrix.column_mut(path).fill(0.0);
@@ -96,7 +96,7 @@ impl Blocks {
         if let Some(u_m) = search.u_dead_path_m {
             let information = 1.0 / (u_m * u_m);
             for (k, station) in search.stations.iter().enumerate() {
-                let path = dead_path(k);
+                let path = row_of_dead_path(k);
                 stations[(path, path)] += information;
                 right[path] -= station.dead_path_m * information;
             }
