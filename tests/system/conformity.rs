@@ -258,8 +258,9 @@ fn wrong_input_is_refused_with_its_place_and_leaves_nothing() {
     let unit = bench.write("unit.csv", "line,calibrated_mm,repeat,deviation_um\nX,100,1,0.0002\nX,100,2,-0.0003\n");
     let line = bench.write("line.csv", "x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n2,0,0\n3,0,0\n4,0,0\n5,0,0\n");
     let once = bench.write("once.csv", "axis,target_mm,direction,cycle,measured_mm\nX,0,+,1,0\nX,10,+,1,10\n");
+    let spelt = bench.write("spelt.csv", "axis,target_mm,direction,cycle,measured_mm\nX,0,+,1,0\nx,10,+,1,10\n");
     let (out, folder) = (bench.text("out.txt"), bench.text("out"));
-    let cases: [(&[&str], &[&str]); 11] = [
+    let cases: [(&[&str], &[&str]); 12] = [
         (
             &["conformity", "--lengths", &twice, "--probing", "bidirectional", "--out", &folder],
             &["twice.csv", "line X, 100 mm, repeat 1", "stands twice"],
@@ -278,6 +279,7 @@ fn wrong_input_is_refused_with_its_place_and_leaves_nothing() {
         ),
         (&["conformity", "--sphere", &line, "--out", &folder], &["line.csv", "one plane"]),
         (&["conformity", "--runs", &once, "--out", &folder], &["once.csv", "axis X", "no scatter"]),
+        (&["conformity", "--runs", &spelt, "--out", &folder], &["spelt.csv", "X and x are one axis", "one name"]),
         (
             &["export", "--model", &model, "--format", "fanuc", "--out", &out],
             &["fanuc", "no such format", "etalon-exchange"],

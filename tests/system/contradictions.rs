@@ -139,16 +139,30 @@ fn regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_
     });
 }
 
+/// Writes where the scales say into the columns of what was measured.
+fn copy_readings(table: &mut Table) {
+    for axis in ["x", "y", "z"] {
+        let [reading, offset, actual] =
+            [format!("{axis}_mm"), format!("offset_{axis}_mm"), format!("actual_{axis}_mm")]
+                .map(|name| table.column(&name));
+        for row in table.0.iter_mut().skip(1) {
+            let [reading, offset] = [reading, offset].map(|column| row[column].parse::<f64>().unwrap());
+            row[actual] = format!("{}", reading + offset);
+        }
+    }
+}
+
 #[test]
 fn regress_actual_positions_that_are_not_those_of_the_readings_are_refused_by_all_who_take_them() {
     let bench = Bench::identified(5);
     let good = bench.read("verify.csv");
     const ACTUAL: [&str; 3] = ["actual_x_mm", "actual_y_mm", "actual_z_mm"];
-    let cases: [(&str, Spoil, &str); 5] = [
+    let cases: [(&str, Spoil, &str); 6] = [
         ("exchanged", |t| t.rename("actual_x_mm", "?"), "mirrored"),
         ("mirrored", |t| change_columns(t, &["actual_y_mm"], |mm| -mm), "mirrored"),
         ("metres", |t| change_columns(t, &ACTUAL, |mm| mm / 1e3), "metres"),
         ("inches", |t| change_columns(t, &ACTUAL, |mm| mm / 25.4), "inches"),
+        ("copied", copy_readings, "a copy and no measurement"),
         ("one row", |t| change(t.cell(40, "actual_z_mm"), |mm| mm + 12.0), "point 39 by 1"),
     ];
     let (model, machine, out) = (bench.text("model.json"), text(&machine()), bench.text("refused"));

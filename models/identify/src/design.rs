@@ -309,7 +309,7 @@ mod tests {
         let setup = Setup {
             machine,
             layout: &layout,
-            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 },
+            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7, common_per_metre: 0.0 },
             terms: &terms,
         };
         // Errors of centimetres and hundredths of a radian, where a Jacobian taken at zero is far off.

@@ -16,8 +16,10 @@ use crate::plausibility;
 use crate::solve::{Fit, Settled};
 use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
+use crate::unseen_expansion::common_scale;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -59,7 +61,10 @@ pub fn foresee(
     solution.noise_factor = 1.0;
     let residuals = residuals(&fit.estimate());
     let settled = Settled { solution, residuals, weights: linear.weights, scale: 1.0, largest_step: 0.0 };
-    fit.finish(settled)
+    let fit = fit.finish(settled)?;
+    let absorbed = common_scale(&fit, instrument, &predicted).into_iter().collect();
+    let unseen = UnseenExpansions { absorbed, ..UnseenExpansions::default() };
+    Ok(Identified { model: fit.model.with_unseen_expansions(unseen)?, ..fit })
 }
 
 /// The campaign with the lengths that a perfect machine would give.

@@ -134,7 +134,7 @@ mod tests {
     const STATIONS: [[f64; 4]; 2] = [[-0.4, 1.1, 0.2, 0.31], [1.2, -0.3, -0.1, 0.17]];
     const OFFSETS_M: [[f64; 3]; 2] = [[0.0, 0.0, -0.06], [0.1, -0.02, -0.06]];
     const CENTRE_M: [f64; 3] = [0.02, 0.03, -0.04];
-    const INSTRUMENT: RangeUncertainty = RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 };
+    const INSTRUMENT: RangeUncertainty = RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7, common_per_metre: 0.0 };
 
     fn machine() -> Machine {
         let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };

@@ -10,7 +10,8 @@
 //! φ the misfit of the fit. So what the data show, and no diagnosis adopted, is in it as well. A campaign at one temperature
 //! leaves the prior. What the fit takes of the columns, V JᵀC, is by how much its parameters may be off together (the consider covariance of
 //! Schmidt 1966, as in Tapley, Schutz and Born 2004, Statistical Orbit Determination, 6.3). Where an effect of the fit already holds what
-//! a temperature does along an axis, its covariance says it. Lengths in m.
+//! a temperature does along an axis, its covariance says it. A scale that all lengths of the instrument have in common is such a column as
+//! well: the lengths themselves. Nothing shows it, so that what is declared of it is open whatever the data say. Lengths in m.
 
 use crate::identified::Identified;
 use crate::linear::dot;
@@ -53,8 +54,8 @@ impl CovariateSource for Warmer<'_> {
     }
 }
 
-/// What the data of a fit leave open of the expansion of each scale, with each temperature that was logged.
-/// `is_kept` says which effects of the fit the model keeps.
+/// What the data of a fit leave open of the expansion of each scale with each temperature that was logged, and of the scale that all lengths
+/// have in common. `is_kept` says which effects of the fit the model keeps.
 pub fn unseen_expansions(
     fit: &Identified,
     instrument: RangeUncertainty,
@@ -64,6 +65,7 @@ pub fn unseen_expansions(
     let is_logged = |column: &&Covariate| column.name.ends_with(TEMPERATURE) && !is_derived(&column.name);
     let logged: Vec<&Covariate> = campaign.covariates.iter().filter(is_logged).collect();
     let mut all = UnseenExpansions::default();
+    all.absorbed.extend(common_scale(fit, instrument, campaign));
     if logged.is_empty() {
         return all;
     }
@@ -87,6 +89,18 @@ pub fn unseen_expansions(
         }
     }
     all
+}
+
+/// By how much all parameters are off together, where all lengths are longer by one standard uncertainty of the scale that they have in
+/// common; `None` where none is declared.
+pub(crate) fn common_scale(fit: &Identified, instrument: RangeUncertainty, campaign: &Campaign) -> Option<Vec<f64>> {
+    let per_metre = Some(instrument.common_per_metre).filter(|u| *u > 0.0)?;
+    let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
+    let mut lengths_m = Mat::zeros(asked.rows.len(), 1);
+    asked.used().for_each(|k| lengths_m[(k, 0)] = campaign.readings[k].length_m);
+    asked.rows.whiten(lengths_m.col_as_slice_mut(0));
+    let reach = &asked.rows.covariance * (asked.rows.jacobian.transpose() * lengths_m);
+    Some(asked.of_all(|column| per_metre * reach[(column, 0)]))
 }
 
 /// A temperature at each reading that counts (°C).
@@ -286,6 +300,15 @@ impl Asked<'_> {
         std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + estimate[i] * estimate[j]))
     }
 
+    /// Values of the free parameters among those of all.
+    fn of_all(&self, of_free: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut all = vec![0.0; parameters_of(&self.fit.model).len()];
+        for (column, parameter) in self.rows.parameters.iter().enumerate() {
+            all[*parameter] = of_free(column);
+        }
+        all
+    }
+
     /// What the fit takes of both, as directions of all parameters, each a standard deviation long.
     fn absorbed(&self, open: &Open) -> [Vec<f64>; 2] {
         let [[a, b], [_, c]] = open.second;
@@ -294,11 +317,7 @@ impl Asked<'_> {
         let along = if expansion > 0.0 { b / expansion } else { 0.0 };
         let rest = (c - along * along).max(0.0).sqrt();
         [[expansion, along], [0.0, rest]].map(|[of_expansion, of_push]| {
-            let mut all = vec![0.0; parameters_of(&self.fit.model).len()];
-            for (column, parameter) in self.rows.parameters.iter().enumerate() {
-                all[*parameter] = of_expansion * open.reach[(column, 0)] + of_push * open.reach[(column, 1)];
-            }
-            all
+            self.of_all(|column| of_expansion * open.reach[(column, 0)] + of_push * open.reach[(column, 1)])
         })
     }
 }

@@ -52,8 +52,11 @@ fn a_held_function_that_the_machine_has_is_named_before_other_causes() {
 
 #[test]
 fn a_held_function_is_not_named_where_it_explains_nothing() {
-    let small =
-        RangeUncertainty { constant_m: INSTRUMENT.range.constant_m / 4.0, per_metre: INSTRUMENT.range.per_metre / 4.0 };
+    let small = RangeUncertainty {
+        constant_m: INSTRUMENT.range.constant_m / 4.0,
+        per_metre: INSTRUMENT.range.per_metre / 4.0,
+        ..INSTRUMENT.range
+    };
     let mut quiet = case(&[]);
     quiet.machine.repeatability_m = [1e-8; 3];
     // Nothing is held.

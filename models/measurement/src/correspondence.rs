@@ -12,6 +12,8 @@ use thiserror::Error;
 
 /// Distance (m) between measured and nominal point after alignment that no machine worth correcting has.
 const PLAUSIBLE_M: f64 = 1e-3;
+/// Distance (m) within which no machine stands at every point: such positions are a copy.
+const COPIED_M: f64 = 1e-9;
 /// Alignments without the points that lie far off.
 const PASSES: usize = 8;
 /// Median length (m) of residual vectors that no corrected machine leaves, and below which nobody could have measured them.
@@ -54,6 +56,12 @@ pub enum CorrespondenceError {
     /// Points that cannot be aligned.
     #[error(transparent)]
     Alignment(#[from] AlignmentError),
+    /// The readings themselves.
+    #[error(
+        "all {0} measured positions are where the scales say, to a nanometre: no machine stands there, so they are a copy and no \
+         measurement; write where another instrument found each point"
+    )]
+    Copied(usize),
     /// Another shape.
     #[error(
         "half of the measured positions lie {median_mm:.3} mm or more from where the scales say, after the best rigid \
@@ -171,6 +179,9 @@ pub fn check_all(pairs: &[Pair]) -> Result<(), CorrespondenceError> {
 /// Distances of all points (m) where half of them are plausible.
 fn shape(pairs: &[Pair]) -> Result<Vec<f64>, CorrespondenceError> {
     let distances_m = distances(pairs)?;
+    if pairs.iter().all(|pair| (pair.actual_m - pair.nominal_m()).norm() < COPIED_M) {
+        return Err(CorrespondenceError::Copied(pairs.len()));
+    }
     let median_m = typical(&distances_m);
     if median_m <= PLAUSIBLE_M {
         return Ok(distances_m);

@@ -9,17 +9,21 @@ use nalgebra::Vector3;
 /// found as well.
 pub const U_ABSOLUTE_ZERO_M: f64 = 1e-3;
 
-/// Standard uncertainty (k = 1) of an interferometric range, u(L) = `constant_m` + `per_metre` · L.
+/// Standard uncertainty (k = 1) of an interferometric range: u(L) = `constant_m` + `per_metre` · L from reading to reading, and a scale that
+/// all lengths have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeUncertainty {
     /// Length-independent part, k = 1 (m).
     pub constant_m: f64,
     /// Length-proportional part, k = 1 (m/m).
     pub per_metre: f64,
+    /// The scale that all lengths have in common, k = 1 (m/m): wavelength, air, certificate. It makes a machine larger or smaller as a
+    /// whole, so that no reading shows it and no number of readings averages it out.
+    pub common_per_metre: f64,
 }
 
 impl RangeUncertainty {
-    /// Standard uncertainty (m, k = 1) of a range of `range_m` metres.
+    /// Standard uncertainty (m, k = 1) of a range of `range_m` metres, as far as it scatters from reading to reading.
     pub fn standard_m(&self, range_m: f64) -> f64 {
         self.constant_m + self.per_metre * range_m.abs()
     }

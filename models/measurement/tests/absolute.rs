@@ -21,7 +21,7 @@ const CONSTANTS_M: [f64; 3] = [0.0, 20e-6, 0.3e-3];
 const U_M: f64 = 1e-6;
 
 const OPTIONS: MultilaterationOptions = MultilaterationOptions {
-    instrument: RangeUncertainty { constant_m: U_M, per_metre: 0.0 },
+    instrument: RangeUncertainty { constant_m: U_M, per_metre: 0.0, common_per_metre: 0.0 },
     repeatability_m: [0.0; 3],
     pair_limit_m: None,
     same_point_m: 1e-4,

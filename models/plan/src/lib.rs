@@ -39,7 +39,7 @@
 //! let stand = |name: &str, position_m| Stand { name: name.to_owned(), position_m, of_region: false };
 //! let holder = |offset_m| Holder { offset_m, acceptance: None };
 //! let request = Request {
-//!     instrument: RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.3e-6 },
+//!     instrument: RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.3e-6, common_per_metre: 0.0 },
 //!     options: IdentifyOptions::default(),
 //!     volume_m: machine.stroke_m,
 //!     tips_m: vec![[0.0, 0.0, -0.06]],

@@ -202,7 +202,7 @@ mod tests {
             default_offset_m: None,
         };
         Request {
-            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 },
+            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7, common_per_metre: 0.0 },
             options: IdentifyOptions::default(),
             volume_m: machine.stroke_m,
             tips_m: vec![[0.0; 3]],

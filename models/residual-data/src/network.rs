@@ -30,7 +30,8 @@ pub(crate) fn of_poses(problem: &Problem, poses: &[Vec<usize>]) -> Result<OfNetw
     let stations: Vec<Placed> = problem.placed.iter().map(placed).collect();
     // Models of earlier software hold the dead paths of an instrument that knows its distance at zero.
     let is_held = stations.iter().all(|s| s.dead_path_m == 0.0);
-    let options = NetworkOptions { u_dead_path_m: is_held.then_some(U_ABSOLUTE_ZERO_M), robust: true };
+    let u_dead_path_m = is_held.then_some(U_ABSOLUTE_ZERO_M);
+    let options = NetworkOptions { u_dead_path_m, u_common_scale: problem.u_common_scale, robust: true };
     let start = Start { stations, points_m: centres };
     let Network { points, chi2, degrees, .. } = network::solve(&start, &sightings, options, &mut |_| true)?;
     let mut used = 0;

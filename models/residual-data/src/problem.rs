@@ -54,6 +54,8 @@ pub(crate) struct Problem {
     pub(crate) station_covariance: Mat<f64>,
     /// Readings left out as outliers.
     pub(crate) rejected: usize,
+    /// Scale that all lengths have in common and the model has not (m/m, k = 1): that of its own campaign is in both.
+    pub(crate) u_common_scale: f64,
 }
 
 impl Problem {
@@ -100,6 +102,7 @@ impl Problem {
             placed: model.parts().stations.clone(),
             station_covariance: station_covariance(model),
             rejected: weights.len() - readings.len(),
+            u_common_scale: if own { 0.0 } else { instrument.common_per_metre },
             readings,
             residuals,
             whitening,
@@ -127,6 +130,7 @@ impl Problem {
             placed: self.placed.clone(),
             station_covariance: self.station_covariance.clone(),
             rejected: self.rejected,
+            u_common_scale: self.u_common_scale,
         }
     }
 

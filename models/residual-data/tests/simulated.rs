@@ -57,7 +57,8 @@ fn machine() -> abbe_geometry::machine::Machine {
     }
 }
 
-const INSTRUMENT: RangeUncertainty = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 };
+const INSTRUMENT: RangeUncertainty =
+    RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6, common_per_metre: 0.0 };
 
 fn bench(seed: u64, effects: &[&str], plan: impl Fn([[f64; 2]; 3]) -> Plan) -> Bench {
     let recipe = TruthRecipe { seed, roughness: Roughness::SMOOTH, volumetric_rms_m: 20e-6 };

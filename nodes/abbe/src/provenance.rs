@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn the_range_is_over_all_sensors_and_what_is_missing_has_no_line() {
-        let instrument = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 };
+        let instrument = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6, common_per_metre: 0.0 };
         let logged = [
             ("temp_air_c", vec![Some(20.04), None]),
             ("temp_granite_c", vec![Some(19.51), Some(21.26)]),

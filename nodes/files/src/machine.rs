@@ -199,6 +199,7 @@ impl Reader<'_> {
         let figures = [
             ("u_k2_constant_um", document.u_k2_constant_um),
             ("u_k2_proportional_um_per_m", document.u_k2_proportional_um_per_m),
+            ("u_k2_common_um_per_m", document.u_k2_common_um_per_m.unwrap_or(0.0)),
         ];
         for (key, value) in figures {
             if !(value.is_finite() && value >= 0.0) {
@@ -206,12 +207,13 @@ impl Reader<'_> {
                 return Err(self.wrong(&["instrument", key], problem, "write the figure of the data sheet, k = 2"));
             }
         }
-        if figures.iter().all(|(_, value)| *value == 0.0) {
+        let [constant_m, per_metre, common_per_metre] = figures.map(|(_, um)| um / 1e6 / COVERAGE);
+        // What is common does not scatter: readings still need a weight.
+        if constant_m + per_metre == 0.0 {
             let remedy = "write the figures of the data sheet, k = 2";
             return Err(self.wrong(&["instrument"], "no instrument is without uncertainty", remedy));
         }
-        let [constant_m, per_metre] = figures.map(|(_, um)| um / 1e6 / COVERAGE);
-        Ok(RangeUncertainty { constant_m, per_metre })
+        Ok(RangeUncertainty { constant_m, per_metre, common_per_metre })
     }
 
     fn invalid(&self, error: &MachineError) -> FileError {
@@ -261,6 +263,8 @@ fn to_document(file: &MachineFile) -> MachineDocument {
     let instrument = InstrumentDocument {
         u_k2_constant_um: micrometres_from_m(file.instrument.constant_m * COVERAGE),
         u_k2_proportional_um_per_m: micrometres_from_m(file.instrument.per_metre * COVERAGE),
+        u_k2_common_um_per_m: Some(micrometres_from_m(file.instrument.common_per_metre * COVERAGE))
+            .filter(|u| *u > 0.0),
         absolute: file.absolute_range,
     };
     MachineDocument {

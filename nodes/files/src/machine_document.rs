@@ -231,12 +231,15 @@ pub(crate) enum KindText {
     Zero {},
 }
 
-/// What is declared of the tracer: U(L) with k = 2, as its maker states it.
+/// What is declared of the tracer: U(L) with k = 2, as its maker states it, and the part of it that all lengths have in common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct InstrumentDocument {
     pub(crate) u_k2_constant_um: f64,
     pub(crate) u_k2_proportional_um_per_m: f64,
+    /// Of a scale that all lengths have in common; absent where nothing is known of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) u_k2_common_um_per_m: Option<f64>,
     /// True where the length reading is the distance itself, false where the dead path is unknown.
     pub(crate) absolute: bool,
 }

@@ -86,7 +86,10 @@ impl ModelFile {
             ("stations", stations.collect()),
             ("effects", shapes.collect()),
             ("quality", vec![quality.chi2_per_dof, quality.residual_rms_m]),
-            ("instrument", vec![self.instrument.constant_m, self.instrument.per_metre]),
+            (
+                "instrument",
+                vec![self.instrument.constant_m, self.instrument.per_metre, self.instrument.common_per_metre],
+            ),
         ];
         for (key, values) in figures {
             if values.iter().any(|value| !value.is_finite()) {

@@ -64,6 +64,8 @@ pub(crate) struct ModelRecord {
 struct InstrumentRecord {
     u_k1_constant_m: f64,
     u_k1_per_metre: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    u_k1_common_per_metre: Option<f64>,
     absolute: bool,
 }
 
@@ -296,6 +298,7 @@ impl ModelRecord {
             instrument: InstrumentRecord {
                 u_k1_constant_m: file.instrument.constant_m,
                 u_k1_per_metre: file.instrument.per_metre,
+                u_k1_common_per_metre: Some(file.instrument.common_per_metre).filter(|u| *u > 0.0),
                 absolute: file.absolute_range,
             },
             error_functions: functions.collect(),
@@ -396,6 +399,7 @@ impl ModelRecord {
             instrument: RangeUncertainty {
                 constant_m: self.instrument.u_k1_constant_m,
                 per_metre: self.instrument.u_k1_per_metre,
+                common_per_metre: self.instrument.u_k1_common_per_metre.unwrap_or(0.0),
             },
             absolute_range: self.instrument.absolute,
             residual_network: self.residual_network,

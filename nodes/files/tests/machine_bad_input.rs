@@ -57,6 +57,18 @@ fn the_bridge_is_read_in_si_with_standard_uncertainties() {
 }
 
 #[test]
+fn a_scale_common_to_all_lengths_is_read_and_written_and_none_is_none() {
+    let none = bridge();
+    assert_eq!(none.instrument.common_per_metre, 0.0);
+    assert!(!machine_text(&none).unwrap().contains("common"));
+    let text = BRIDGE.replace("u_k2_constant_um = 0.05", "u_k2_constant_um = 0.05\nu_k2_common_um_per_m = 0.5");
+    let declared = parse_machine(&text, "m.toml").unwrap();
+    assert!((declared.instrument.common_per_metre - 0.25e-6).abs() < 1e-20);
+    let again = parse_machine(&machine_text(&declared).unwrap(), "m.toml").unwrap();
+    assert!((again.instrument.common_per_metre - 0.25e-6).abs() < 1e-20);
+}
+
+#[test]
 fn chains_run_from_the_workpiece_through_the_bed_to_the_tool() {
     let joints = |text| parse_machine(text, "m").unwrap().machine.joints.map(|joint| (joint.axis, joint.side));
     use Axis::{X, Y, Z};
@@ -158,6 +170,11 @@ fn figures_that_are_no_uncertainty() {
         "u_k2_constant_um = 0.05",
         "u_k2_constant_um = -0.05",
         &["key instrument.u_k2_constant_um", "-0.05", "k = 2"],
+    );
+    refused(
+        "u_k2_constant_um = 0.05",
+        "u_k2_common_um_per_m = -0.5\nu_k2_constant_um = 0.05",
+        &["key instrument.u_k2_common_um_per_m", "-0.5", "k = 2"],
     );
     refused("u_k2_constant_um = 0.05", "u_k2_constant_um = inf", &["key instrument.u_k2_constant_um", "k = 2"]);
     refused(

@@ -25,11 +25,16 @@ transport = "shared-memory"
 
 /// A graph of one node that is this script; `$life` counts its starts from 0, `$all` are its words.
 fn start(folder: &Path, script: &str) -> Supervisor {
+    start_as(folder, LAUNCH, script)
+}
+
+/// The same of the nodes of this launch file.
+fn start_as(folder: &Path, launched: &str, script: &str) -> Supervisor {
     let (program, launch) = (folder.join("node"), folder.join("launch.toml"));
     let life = r#"life=0; all="$*"; while [ $# -gt 0 ]; do [ "$1" = --life ] && life=$2; shift; done"#;
     fs::write(&program, format!("#!/bin/sh\n{life}\n{script}\n")).unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    fs::write(&launch, LAUNCH).unwrap();
+    fs::write(&launch, launched).unwrap();
     Supervisor::start(&program, &launch, RunId::unique()).unwrap()
 }
 
@@ -120,4 +125,23 @@ fn a_graph_with_a_node_that_does_not_run_is_not_healthy() {
     look_after(&mut graph, |graph| graph.process_ids().is_empty()).unwrap();
     assert!(!graph.is_healthy());
     assert!(!graph.has_ended(NodeName::Geometric).unwrap());
+}
+
+#[test]
+fn regress_a_second_ctrl_c_leaves_the_recorder_the_time_to_finish_its_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    let finishes = format!("trap 'sleep 0.7; echo whole > {}; exit 0' TERM", bag.display());
+    let script = format!("case $all in *recorder*) {finishes};; *) trap '' TERM;; esac\n{WORKS}");
+    let record = format!("nodes = [\"recorder\", \"geometric\"]\nrecord = \"{}\"", folder.path().join("b").display());
+    let launch = LAUNCH.replace("nodes = [\"geometric\"]", &record)
+        + "\n[[edges]]\nfrom = \"geometric\"\nto = \"recorder\"\ntransport = \"shared-memory\"\n";
+    let mut graph = start_as(folder.path(), &launch, &script);
+    look_after(&mut graph, Supervisor::is_healthy).unwrap();
+    let hurry = Shutdown::manual();
+    hurry.request();
+    hurry.request();
+    let Stopped { problems, .. } = graph.stop(&hurry).unwrap();
+    assert!(problems.len() == 1 && problems[0].contains("node geometric did not stop in time"), "{problems:?}");
+    assert_eq!(fs::read_to_string(bag).unwrap(), "whole\n");
 }

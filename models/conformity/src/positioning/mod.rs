@@ -10,6 +10,9 @@
 //! - B = max |B_i|, B̄ = mean of B_i, R↑ = max R_i↑, R↓ = max R_i↓, R = max R_i
 //! - E↑ = max x̄_i↑ − min x̄_i↑, E↓ likewise, E = max(x̄_i↑, x̄_i↓) − min(x̄_i↑, x̄_i↓), M = max x̄_i − min x̄_i
 //! - A↑ = max(x̄_i↑ + 2 s_i↑) − min(x̄_i↑ − 2 s_i↑), A↓ likewise, A the same over both directions
+//!
+//! On more than 2 m (ISO 230-2:2014, 5.3.3) one approach from each direction is enough, at targets 250 mm apart on average; B, E and M are
+//! stated then, and neither R nor A.
 
 mod figures;
 
@@ -25,8 +28,10 @@ pub const APPROACHES: usize = 5;
 pub const TARGETS: usize = 5;
 /// Targets a metre of travel at least.
 pub const TARGETS_PER_METRE: f64 = 5.0;
-/// Longest travel for which this form of the test is meant (m).
+/// Longest travel on which each target is approached five times (m).
 pub const LONGEST_M: f64 = 2.0;
+/// Mean distance of targets on more than that (m).
+pub const LONG_STEP_M: f64 = 0.25;
 /// Departure of the targets from equal steps, relative to the step, below which they are equally spaced: no such shift moves a
 /// target to another place of a periodic error.
 const EQUAL_STEPS: f64 = 0.01;
@@ -65,7 +70,7 @@ pub struct Approach {
 /// # Errors
 /// No approach; a figure that is not finite; the same approach twice; a deviation of millimetres; fewer than two targets, or all within
 /// a few millimetres;
-/// a target approached once only from a direction, so that its scatter is unknown. What else a test after the standard
+/// a target approached once only from a direction on up to 2 m, so that its scatter is unknown. What else a test after the standard
 /// asks for is a departure.
 pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, ConformityError> {
     let place = format!("axis {axis}");
@@ -83,7 +88,8 @@ pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, Conf
         let problem = format!("the targets span {:.4} mm, which is no travel of an axis", travel_m * 1e3);
         return Err(ConformityError::new(place, problem, "multiply the positions by 1000 if they are metres"));
     }
-    let targets = grouped.iter().map(|group| figures::target(&place, group)).collect::<Result<Vec<_>, _>>()?;
+    let is_long = travel_m > LONGEST_M;
+    let targets = grouped.iter().map(|group| figures::target(&place, group, is_long)).collect::<Result<Vec<_>, _>>()?;
     let departures = departures(&place, &grouped);
     Ok(figures::axis(axis, targets, departures))
 }
@@ -139,14 +145,18 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
     let mut found = Vec::new();
     let travel_m = travel_m(groups);
     // Rounding of a travel of whole metres must not ask for one target more.
-    let asked = TARGETS.max((TARGETS_PER_METRE * travel_m - 1e-9).ceil() as usize);
+    let asked = match travel_m > LONGEST_M {
+        true => 1 + (travel_m / LONG_STEP_M).round() as usize,
+        false => TARGETS.max((TARGETS_PER_METRE * travel_m - 1e-9).ceil() as usize),
+    };
     if groups.len() < asked {
         let text = format!("{asked} targets are asked for on {:.0} mm, there are {}", travel_m * 1e3, groups.len());
         found.push(Departure::new(place, text));
     }
-    let few = groups.iter().filter(|g| g.up_m.len().min(g.down_m.len()) < APPROACHES).count();
+    let (approaches, times) = if travel_m > LONGEST_M { (1, "once") } else { (APPROACHES, "5 times") };
+    let few = groups.iter().filter(|g| g.up_m.len().min(g.down_m.len()) < approaches).count();
     if few > 0 {
-        let text = format!("{few} of {} targets were approached fewer than 5 times from each direction", groups.len());
+        let text = format!("{few} of {} targets were approached fewer than {times} from each direction", groups.len());
         found.push(Departure::new(place, text));
     }
     let only = |is_own: fn(&Group) -> bool| groups.iter().filter(|group| is_own(group)).count();
@@ -164,10 +174,6 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
              another random shift at each target",
             step_m * 1e3
         );
-        found.push(Departure::new(place, text));
-    }
-    if travel_m > LONGEST_M {
-        let text = format!("{:.1} m of travel; above 2 m the standard asks for another form of the test", travel_m);
         found.push(Departure::new(place, text));
     }
     found

@@ -98,9 +98,36 @@ fn what_a_whole_test_lacks_is_named() {
     let told: Vec<String> = evaluate("X", &few).unwrap().departures.iter().map(ToString::to_string).collect();
     assert!(told[0].contains("axis X: 5 targets are asked for on 300 mm, there are 4"), "{told:?}");
     assert!(told[1].contains("4 of 4 targets were approached fewer than 5 times"), "{told:?}");
-    let long: Vec<Approach> = case().into_iter().map(|a| Approach { target_m: a.target_m * 6.0, ..a }).collect();
-    let told: Vec<String> = evaluate("X", &long).unwrap().departures.iter().map(ToString::to_string).collect();
-    assert!(told.iter().any(|d| d.contains("12 targets")) && told.iter().any(|d| d.contains("above 2 m")), "{told:?}");
+}
+
+#[test]
+fn on_more_than_two_metres_one_approach_from_each_direction_gives_b_e_and_m() {
+    // Every 250 mm or so on 3 m, 2 µm of play, and a scale that is 1 µm/m long.
+    let approach = |k: u32, direction: Direction, cycle: i64| {
+        let target_m = 0.25 * f64::from(k) + 0.004 * f64::from(k * k % 7);
+        let play_m = if direction == Direction::Up { 1e-6 } else { -1e-6 };
+        Approach { target_m, direction, cycle, deviation_m: 1e-6 * target_m + play_m }
+    };
+    let both = |k: u32| [Direction::Up, Direction::Down].map(|direction| approach(k, direction, 1));
+    let once: Vec<Approach> = (0..=12).flat_map(both).collect();
+    let found = evaluate("X", &once).unwrap();
+    // A micrometre a metre.
+    let travel_um = once[24].target_m - once[0].target_m;
+    close(found.reversal_m, 2.0);
+    close(found.systematic_up_m, travel_um);
+    close(found.systematic_m, travel_um + 2.0);
+    close(found.mean_bidirectional_m, travel_um);
+    assert_eq!((found.repeatability_m, found.accuracy_m, found.accuracy_up_m), (None, None, None));
+    assert!(found.departures.is_empty(), "{:?}", found.departures);
+    // Fewer targets are no whole test; a second cycle at some gives no repeatability of all.
+    let few: Vec<Approach> = once.iter().copied().filter(|a| !(0.9..1.3).contains(&a.target_m)).collect();
+    let told: Vec<String> = evaluate("X", &few).unwrap().departures.iter().map(ToString::to_string).collect();
+    assert!(told[0].contains("13 targets are asked for on 3016 mm, there are 11"), "{told:?}");
+    let one_more: Vec<Approach> = once.iter().copied().chain([approach(3, Direction::Up, 2)]).collect();
+    assert_eq!(evaluate("X", &one_more).unwrap().repeatability_up_m, None);
+    // On up to 2 m once is not enough.
+    let short: Vec<Approach> = once.iter().copied().filter(|a| a.target_m < 1.9).collect();
+    assert!(evaluate("X", &short).unwrap_err().to_string().contains("one approach has no scatter"));
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(crate) struct Outcome {
 /// Diagnoses a machine that suffers from these causes.
 pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &DiagnoseOptions) -> Judged {
     let foreign = foreign(machine, forms, seed);
-    let range = RangeUncertainty { constant_m: RANGE.0, per_metre: RANGE.1 };
+    let range = RangeUncertainty { constant_m: RANGE.0, per_metre: RANGE.1, common_per_metre: 0.0 };
     let described = description(&foreign);
     let (campaign, _) = mended(&campaign(&foreign));
     let diagnosis = diagnose(&described, &[], range, &campaign, options, &mut |_| true).unwrap();

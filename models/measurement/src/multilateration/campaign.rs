@@ -134,7 +134,8 @@ pub fn solve(
     let start = network::Start { stations, points_m: targets.iter().map(Target::indicated_m).collect() };
     let sightings: Vec<Sighting> = sights.iter().map(|sight| sight.sighting).collect();
     let u_dead_path_m = options.absolute_range.then_some(U_ABSOLUTE_ZERO_M);
-    let network_options = network::NetworkOptions { u_dead_path_m, robust: true };
+    let u_common_scale = options.instrument.common_per_metre;
+    let network_options = network::NetworkOptions { u_dead_path_m, u_common_scale, robust: true };
     let found = network::solve(&start, &sightings, network_options, observe)
         .map_err(|why| of_network(&campaign.stations, why, left_out))?;
     Ok(told(campaign, (targets, target_of), (rejected, left_out), &sights, found))
@@ -204,8 +205,9 @@ fn of_network(names: &[String], why: NetworkError, left_out: Option<LeftOut>) ->
 fn check(campaign: &Campaign, options: &MultilaterationOptions) -> Result<(), Problem> {
     let above_zero = |value: f64| value.is_finite() && value > 0.0;
     let constant = options.instrument.constant_m;
-    let proportional = options.instrument.per_metre;
+    let RangeUncertainty { per_metre: proportional, common_per_metre: common, .. } = options.instrument;
     if !(constant.is_finite() && constant >= 0.0 && proportional.is_finite() && proportional >= 0.0)
+        || !(common.is_finite() && common >= 0.0)
         || constant + proportional <= 0.0
     {
         return Err(Problem::Option("the instrument's uncertainty"));

@@ -21,7 +21,7 @@ const STATIONS_M: [[f64; 3]; 6] = [
     [-0.06, 0.04, -0.62],
 ];
 const OPTIONS: MultilaterationOptions = MultilaterationOptions {
-    instrument: RangeUncertainty { constant_m: 0.5e-6, per_metre: 0.0 },
+    instrument: RangeUncertainty { constant_m: 0.5e-6, per_metre: 0.0, common_per_metre: 0.0 },
     repeatability_m: [0.0; 3],
     pair_limit_m: None,
     same_point_m: 1e-4,
@@ -180,8 +180,10 @@ fn contradicting_pairs_are_left_out_and_listed() {
 fn regress_a_noisier_instrument_that_says_so_is_no_contradiction() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let campaign = campaign(|_| Vector3::zeros(), || 5e-6 * normal(&mut random));
-    let declared =
-        MultilaterationOptions { instrument: RangeUncertainty { constant_m: 5e-6, per_metre: 0.0 }, ..OPTIONS };
+    let declared = MultilaterationOptions {
+        instrument: RangeUncertainty { constant_m: 5e-6, per_metre: 0.0, common_per_metre: 0.0 },
+        ..OPTIONS
+    };
     let solved = run(&campaign, &declared).unwrap();
     assert_eq!((solved.rejected.len(), solved.left_out, solved.points.len()), (0, None, 60));
     assert!((0.8..1.25).contains(&solved.chi2_per_dof), "{}", solved.chi2_per_dof);
@@ -281,7 +283,10 @@ fn campaigns_that_cannot_be_solved_are_refused() {
         MultilaterationOptions { pair_limit_m: Some(0.0), ..OPTIONS },
         MultilaterationOptions { same_point_m: f64::NAN, ..OPTIONS },
         MultilaterationOptions { repeatability_m: [0.1e-6, -1.0, 0.0], ..OPTIONS },
-        MultilaterationOptions { instrument: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 }, ..OPTIONS },
+        MultilaterationOptions {
+            instrument: RangeUncertainty { constant_m: 0.0, per_metre: 0.0, common_per_metre: 0.0 },
+            ..OPTIONS
+        },
     ];
     for options in bad {
         assert!(matches!(run(&good, &options), Err(Problem::Option(_))), "{options:?}");

@@ -69,6 +69,9 @@ pub enum NetworkError {
     /// An uncertainty that is none.
     #[error("the uncertainty of dead paths that are known beforehand is not above zero")]
     DeadPath,
+    /// An uncertainty that is none.
+    #[error("the uncertainty of the scale that all lengths have in common is no number of 0 or more")]
+    CommonScale,
     /// The same range twice.
     #[error("sighting {0} repeats an earlier one of the same station and point; average them first")]
     Duplicate(usize),
@@ -112,6 +115,9 @@ fn list(stations: &[usize]) -> String {
 pub(super) fn check(start: &Start, sightings: &[Sighting], options: NetworkOptions) -> Result<(), NetworkError> {
     if options.u_dead_path_m.is_some_and(|u_m| !(u_m.is_finite() && u_m > 0.0)) {
         return Err(NetworkError::DeadPath);
+    }
+    if !(options.u_common_scale.is_finite() && options.u_common_scale >= 0.0) {
+        return Err(NetworkError::CommonScale);
     }
     if start.stations.len() < LEAST_STATIONS {
         return Err(NetworkError::TooFewStations(start.stations.len()));

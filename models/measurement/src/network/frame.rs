@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: last. The whole is moved rigidly to where its points fit their starts best. A covariance in any frame becomes that in this one by an
 //! S-transformation: with δp of the points, the frame moves by ξ = M Σ Eᵢᵀ δpᵢ, M = (Σ EᵢᵀEᵢ)⁻¹, and
-//! δp′ = δp − E ξ. Since Cov(pᵢ, pⱼ) = Aᵢ [i = j] + Gᵢ C Gⱼᵀ with C of the stations, sums over points are all it takes, and
+//! δp′ = δp − E ξ. A scale that all lengths have in common makes everything larger about the middle of the points. Since Cov(pᵢ, pⱼ) = Aᵢ [i = j] + Gᵢ C Gⱼᵀ with C of the stations, sums over points are all it takes, and
 //! cost is linear in them. Source: Baarda 1973.
 
 use super::blocks::{Blocks, EACH, Reduced, motion};
@@ -119,9 +119,11 @@ impl Transformation {
         let with_frame: SMatrix<f64, 3, 6> = &through * self.by_stations.transpose() + own * motion * self.inverse;
         let crossed = motion * with_frame.transpose();
         let free: Matrix3<f64> = own + through * gain.transpose();
+        let larger_m = (position_m - self.centre_m) * search.u_common_scale;
         Point {
             position_m,
-            covariance_m2: (free - crossed - crossed.transpose() + motion * self.of_all * motion.transpose()) * noise,
+            covariance_m2: (free - crossed - crossed.transpose() + motion * self.of_all * motion.transpose()) * noise
+                + larger_m * larger_m.transpose(),
             of_ranges_m2: own * noise,
             of_frame_m2: motion * self.of_ranges * motion.transpose() * noise,
             checks: search.checks(block.point),
@@ -137,9 +139,11 @@ impl Transformation {
         let with_frame = rows * self.by_stations.transpose();
         let crossed: Matrix4<f64> = motion4 * with_frame.fixed_view::<EACH, 6>(0, 0).transpose();
         let own = self.stations.fixed_view::<EACH, EACH>(EACH * station, EACH * station);
+        let larger_m = (position_m - self.centre_m).push(dead_path_m) * search.u_common_scale;
         Station {
             placed: Placed { position_m, dead_path_m },
-            covariance_m2: (own - crossed - crossed.transpose() + motion4 * self.of_all * motion4.transpose()) * noise,
+            covariance_m2: (own - crossed - crossed.transpose() + motion4 * self.of_all * motion4.transpose()) * noise
+                + larger_m * larger_m.transpose(),
         }
     }
 }

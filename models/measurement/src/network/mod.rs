@@ -76,6 +76,8 @@ pub struct Start {
 pub struct NetworkOptions {
     /// How well dead paths are known to be zero beforehand (m, k = 1), where lengths are distances; `None` where nothing is known of them.
     pub u_dead_path_m: Option<f64>,
+    /// Standard uncertainty (m/m) of the scale that all lengths have in common: covariances hold it, and no reading shows it.
+    pub u_common_scale: f64,
     /// Gross errors are looked for and left out.
     pub robust: bool,
 }
@@ -166,6 +168,7 @@ pub fn solve(
 struct Search<'a> {
     sightings: &'a [Sighting],
     u_dead_path_m: Option<f64>,
+    u_common_scale: f64,
     stations: Vec<Placed>,
     points_m: Vec<Vector3<f64>>,
     /// Sightings of each point.
@@ -183,6 +186,7 @@ impl<'a> Search<'a> {
         Search {
             sightings,
             u_dead_path_m: options.u_dead_path_m,
+            u_common_scale: options.u_common_scale,
             stations: start.stations.clone(),
             points_m: start.points_m.clone(),
             problems: vec![None; of_point.len()],

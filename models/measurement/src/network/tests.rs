@@ -9,8 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const U_M: f64 = 0.3e-6;
-const FREE: NetworkOptions = NetworkOptions { u_dead_path_m: None, robust: true };
-const ABSOLUTE: NetworkOptions = NetworkOptions { u_dead_path_m: Some(U_ABSOLUTE_ZERO_M), robust: true };
+const FREE: NetworkOptions = NetworkOptions { u_dead_path_m: None, u_common_scale: 0.0, robust: true };
+const ABSOLUTE: NetworkOptions =
+    NetworkOptions { u_dead_path_m: Some(U_ABSOLUTE_ZERO_M), u_common_scale: 0.0, robust: true };
 
 fn stations() -> Vec<Vector3<f64>> {
     [[-0.3, -0.3, -0.2], [1.2, -0.2, -0.3], [1.1, 1.3, -0.1], [-0.2, 1.2, -0.3], [0.4, -0.5, 1.1], [1.3, 0.5, 0.9]]
@@ -305,5 +306,34 @@ fn regress_two_gross_errors_of_a_point_hide_behind_no_third() {
         let share = |count: usize, of: usize| f64::from(count as u32) / f64::from(of as u32);
         // Where a station is hardly checked by the others, a single one costs the point, too.
         assert!(share(kept, singles) > 0.75 && share(wrong, pairs) <= most_wrong && share(unseen, pairs) < 0.03);
+    }
+}
+
+/// A scale that all lengths have in common moves points by what their covariance says of it, and nothing else.
+#[test]
+fn a_common_scale_is_in_every_covariance_as_far_as_it_moves_points() {
+    const SCALE: f64 = 3e-6;
+    for free in [FREE, ABSOLUTE] {
+        let told = NetworkOptions { u_common_scale: SCALE, ..free };
+        let case = case_of(&stations(), free, |_, _| true);
+        let mut longer = case.sightings.clone();
+        longer.iter_mut().for_each(|s| s.length_m *= 1.0 + SCALE);
+        let [plain, longer, told] = [(&case.sightings, free), (&longer, free), (&case.sightings, told)]
+            .map(|(sightings, options)| run(&case, sightings, options).unwrap());
+        let mut largest_m = 0.0_f64;
+        for ((plain, longer), told) in plain.points.iter().zip(&longer.points).zip(&told.points) {
+            let [plain, longer, told] = [plain, longer, told].map(|point| point.as_ref().unwrap());
+            let moved_m = longer.position_m - plain.position_m;
+            let added_m2 = told.covariance_m2 - plain.covariance_m2;
+            assert!((added_m2 - moved_m * moved_m.transpose()).norm() < 0.01 * added_m2.norm() + 1e-16, "{added_m2}");
+            assert_eq!((plain.position_m, plain.of_ranges_m2), (told.position_m, told.of_ranges_m2));
+            largest_m = largest_m.max(moved_m.norm());
+        }
+        assert!(largest_m > 0.5 * SCALE, "{largest_m}");
+        for ((plain, longer), told) in plain.stations.iter().zip(&longer.stations).zip(&told.stations) {
+            let moved_m = longer.placed.position_m - plain.placed.position_m;
+            let added_m2 = (told.covariance_m2 - plain.covariance_m2).fixed_view::<3, 3>(0, 0).into_owned();
+            assert!((added_m2 - moved_m * moved_m.transpose()).norm() < 0.01 * added_m2.norm() + 1e-16, "{added_m2}");
+        }
     }
 }

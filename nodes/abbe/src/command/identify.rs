@@ -194,6 +194,12 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
         evidence.unknowns, evidence.effective_unknowns, evidence.condition
     );
     print_ram_turn(file);
+    if file.instrument.common_per_metre > 0.0 {
+        let per_metre_um = digits::result(file.instrument.common_per_metre * 1e6);
+        println!(
+            "  common scale      {per_metre_um} um/m (k = 1) of all lengths, as declared, is in every uncertainty"
+        );
+    }
     if let Some(noise) = &evidence.noise {
         println!("  noise             {}", pipeline::noise_words(noise));
         if noise.effective_readings < LITTLE_LEFT * quality.readings as f64 {

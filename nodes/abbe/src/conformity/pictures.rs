@@ -113,6 +113,6 @@ fn direction(
         style,
         x: axis.targets.iter().map(|t| t.target_m * 1e3).collect(),
         y: axis.targets.iter().map(|t| pick(t).map(|d| um(d.mean_m))).collect(),
-        half_width: Some(axis.targets.iter().map(|t| pick(t).map(|d| 2.0 * um(d.deviation_m))).collect()),
+        half_width: Some(axis.targets.iter().map(|t| Some(2.0 * um(pick(t)?.deviation_m?))).collect()),
     }
 }

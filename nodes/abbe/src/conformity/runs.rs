@@ -31,6 +31,7 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         let group = if DiagonalKind::of(&run.axis).is_some() { &mut along } else { &mut axes };
         group.entry(run.axis.clone()).or_default().push(approach(run));
     }
+    one_name_each(axes.keys().chain(along.keys())).with_context(|| path.display().to_string())?;
     let evaluate = |(axis, list): (&String, &Vec<positioning::Approach>)| positioning::evaluate(axis, list);
     let axes: Vec<AxisFigures> =
         axes.iter().map(evaluate).collect::<Result<Vec<_>, _>>().with_context(|| path.display().to_string())?;
@@ -48,6 +49,19 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         figures: Vec::new(),
         method: ("ISO 230-2", Vec::new()),
     })
+}
+
+/// Refuses two spellings of one axis: each would have figures of a part of its runs.
+fn one_name_each<'a>(names: impl Iterator<Item = &'a String>) -> anyhow::Result<()> {
+    let mut seen: BTreeMap<String, &str> = BTreeMap::new();
+    for name in names {
+        if let Some(other) = seen.insert(name.to_uppercase(), name) {
+            anyhow::bail!(
+                "column axis: {other} and {name} are one axis in two spellings; write one name for all its runs"
+            );
+        }
+    }
+    Ok(())
 }
 
 fn approach(run: &Run) -> positioning::Approach {
@@ -157,8 +171,8 @@ fn axis_json(axis: &AxisFigures) -> Value {
         .map(|t| {
             json!({
                 "target_mm": t.target_m * 1e3,
-                "mean_up_um": t.up.map(|d| um(d.mean_m)), "s_up_um": t.up.map(|d| um(d.deviation_m)),
-                "mean_down_um": t.down.map(|d| um(d.mean_m)), "s_down_um": t.down.map(|d| um(d.deviation_m)),
+                "mean_up_um": t.up.map(|d| um(d.mean_m)), "s_up_um": t.up.and_then(|d| d.deviation_m).map(um),
+                "mean_down_um": t.down.map(|d| um(d.mean_m)), "s_down_um": t.down.and_then(|d| d.deviation_m).map(um),
                 "B_um": t.reversal_m().map(um), "R_um": t.repeatability_m().map(um),
             })
         })

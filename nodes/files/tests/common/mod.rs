@@ -8,6 +8,7 @@ use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
+use abbe_measurement::instrument::RangeUncertainty;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -87,7 +88,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
     ModelFile {
         model: MachineModel::new(parts).unwrap(),
         order: file.order,
-        instrument: file.instrument,
+        instrument: RangeUncertainty { common_per_metre: 1e-7 * (seed % 2) as f64, ..file.instrument },
         absolute_range: file.absolute_range,
         residual_network: Some(ResidualReference { file: "residual.bin".to_owned(), sha256: "00".repeat(32) }),
         data: vec![DataSource { file: "campaign.csv".to_owned(), sha256: "ab".repeat(32) }],

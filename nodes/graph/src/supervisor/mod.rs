@@ -339,13 +339,15 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Ends every node, givers first; what goes wrong is added to the problems.
+    /// Ends every node, givers first; what goes wrong is added to the problems. A hurry leaves the recorder its time: what it has must be a
+    /// bag that can be read.
     fn end_all(&mut self, hurry: &dyn Fn() -> bool) -> Result<(), SupervisorError> {
         // Those that give before those that take, so that what is under way arrives.
         for name in NodeName::ALL.into_iter().rev() {
             let Some(node) = self.nodes.iter_mut().find(|node| node.name == name) else { continue };
             let State::Running(process) = &mut node.state else { continue };
-            let (ended, was_killed) = process.end(STOP_PATIENCE, hurry)?;
+            let hurry = || name != NodeName::Recorder && hurry();
+            let (ended, was_killed) = process.end(STOP_PATIENCE, &hurry)?;
             node.notice_ready();
             // One that was still starting has nothing to lose: it may not look whether to stop, or miss others that have.
             let problem = match (node.was_ready, was_killed, ended.is_in_order()) {

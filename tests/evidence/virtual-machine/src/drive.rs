@@ -205,7 +205,7 @@ mod tests {
     pub(super) const PACE: Pace = Pace { dwell_s: 1.0, change_s: 10.0, faster: 1.0 };
 
     pub(super) fn config() -> SimulationConfig {
-        let range = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 };
+        let range = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6, common_per_metre: 0.0 };
         let declared =
             Declared { stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)], repeatability_m: [0.25e-6; 3], range };
         shipped_bridge(7, 20e-6, &declared).unwrap()

@@ -44,7 +44,7 @@ pub struct InstrumentConfig {
 impl InstrumentConfig {
     /// The recorded campaigns' set-up: U(k = 2) = 0.05 µm + 0.3 µm/m, 0.25 µm repeatability of each axis.
     pub const LASER_TRACER: InstrumentConfig = InstrumentConfig {
-        range: RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 },
+        range: RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6, common_per_metre: 0.0 },
         correlated: None,
         repeatability_m: [0.25e-6; 3],
         resolution_m: None,
@@ -53,7 +53,7 @@ impl InstrumentConfig {
 
     /// No noise at all: the length is the distance.
     pub const NOISELESS: InstrumentConfig = InstrumentConfig {
-        range: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 },
+        range: RangeUncertainty { constant_m: 0.0, per_metre: 0.0, common_per_metre: 0.0 },
         correlated: None,
         repeatability_m: [0.0; 3],
         resolution_m: None,

@@ -64,7 +64,7 @@ fn a_station_counts_from_its_first_reading() {
 #[test]
 fn range_noise_has_the_declared_deviation_at_every_distance() {
     let mut config = config(InstrumentConfig::NOISELESS);
-    config.instrument.range = RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.5e-6 };
+    config.instrument.range = RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.5e-6, common_per_metre: 0.0 };
     config.plan = config.plan.repeated_to(20_000).unwrap();
     let mut near = (0.0, 0.0);
     let mut far = (0.0, 0.0);

@@ -94,7 +94,11 @@ fn rank_defect(settings: &Settings) -> Result<Figure, PaperError> {
     let mut experiment = Experiment::new(settings.seed, MACHINES[1].1)?;
     // Eq. 5 weighs all ranges alike.
     experiment.machine.repeatability_m = [0.0; 3];
-    let alike = abbe_measurement::instrument::RangeUncertainty { constant_m: RANGE.constant_m, per_metre: 0.0 };
+    let alike = abbe_measurement::instrument::RangeUncertainty {
+        constant_m: RANGE.constant_m,
+        per_metre: 0.0,
+        common_per_metre: 0.0,
+    };
     let options = IdentifyOptions {
         order: OrderChoice::Fixed,
         robust: false,

@@ -139,7 +139,7 @@ fn network_points_m(experiment: &Experiment) -> Result<Vec<Vector3<f64>>, PaperE
         Sighting { station: *station, point: *point, shift_m: Vector3::zeros(), length_m, u_m }
     };
     let sightings: Vec<Sighting> = sums.iter().map(sighting).collect();
-    let options = network::NetworkOptions { u_dead_path_m: Some(HELD_M), robust: false };
+    let options = network::NetworkOptions { u_dead_path_m: Some(HELD_M), u_common_scale: 0.0, robust: false };
     let start = network::Start { stations, points_m };
     let found = network::solve(&start, &sightings, options, &mut |_| true).map_err(failed)?;
     found.points.into_iter().map(|point| point.map(|point| point.position_m).map_err(failed)).collect()

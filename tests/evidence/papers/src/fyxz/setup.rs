@@ -22,7 +22,8 @@ pub(super) const NODES: u32 = 9;
 /// Errors that move nothing when the reflector sits at the ram's end.
 pub(super) const UNSEEN: [&str; 4] = ["ECX", "EAZ", "EBZ", "ECZ"];
 /// Uncertainty of the tracer's range, k = 1.
-pub(super) const RANGE: RangeUncertainty = RangeUncertainty { constant_m: 0.1e-6, per_metre: 0.15e-6 };
+pub(super) const RANGE: RangeUncertainty =
+    RangeUncertainty { constant_m: 0.1e-6, per_metre: 0.15e-6, common_per_metre: 0.0 };
 /// Repeatability of each axis (m, k = 1).
 const REPEATABILITY_M: f64 = 0.5e-6;
 
