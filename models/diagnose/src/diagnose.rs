@@ -195,6 +195,7 @@ impl<'a> Ended<'a> {
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
         let widened = |model: MachineModel| {
             let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
+            let model = state.open_waves.iter().try_fold(model, |model, wave| wave.told(model))?;
             zeros.iter().try_fold(model, |model, zero| zero.told(model))
         };
         let is_found = |fitted: &FittedEffect| !is_base(base, fitted);

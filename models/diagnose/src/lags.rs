@@ -103,15 +103,16 @@ fn step_of(lag: i32) -> Option<usize> {
 /// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one and no pause
 /// is longer than they lag: each stands for a sensor that is not there, and must be known as well as one.
 pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
-    if let Some((_, travel)) = of_travelled(&column.name) {
-        return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel);
+    let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
+    let differs = |logged: &Covariate| correlation(&values(logged), &values(column)).abs() < SAME;
+    if let Some((axis, travel)) = of_travelled(&column.name) {
+        // Where every way after a reversal was long, the side over a travel is the logged side.
+        return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel)
+            && campaign.covariate(&logged_side(axis)).is_none_or(differs);
     }
     let Some((logged, lag)) = of_lagged(&column.name) else { return true };
     let is_coarse = lag > 0 && step_of(lag).is_some_and(|step| step % COARSE == FIRST);
-    let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
-    is_coarse
-        && longest_pause_s(campaign) <= f64::from(lag)
-        && campaign.covariate(&logged).is_some_and(|logged| correlation(&values(logged), &values(column)).abs() < SAME)
+    is_coarse && longest_pause_s(campaign) <= f64::from(lag) && campaign.covariate(&logged).is_some_and(differs)
 }
 
 fn longest_pause_s(campaign: &Campaign) -> f64 {

@@ -61,6 +61,7 @@
 //! ```
 
 mod alias;
+mod aliased_period;
 mod candidates;
 mod clock;
 mod competing;

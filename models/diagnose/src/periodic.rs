@@ -19,7 +19,7 @@ use std::sync::Arc;
 /// Grid on which positions are laid (m): a tenth of the pitch of usual scales, which keeps 97 % of its amplitude.
 const GRID_M: f64 = 2e-6;
 /// Shortest period looked for (m).
-const SHORTEST_M: f64 = 10e-6;
+pub(crate) const SHORTEST_M: f64 = 10e-6;
 /// Peaks scored exactly per axis.
 const PEAKS: usize = 10;
 /// Trial frequencies about each peak, as shares of the width of a peak.
@@ -107,7 +107,8 @@ fn best_of(
     Ok(as_good.max_by(|a, b| period_m(a).total_cmp(&period_m(b)).then(a.score.reduction.total_cmp(&b.score.reduction))))
 }
 
-fn period_m(candidate: &Candidate) -> f64 {
+/// Period of a wave (m).
+pub(crate) fn period_m(candidate: &Candidate) -> f64 {
     candidate.term.shape.figures().next().unwrap_or(0.0)
 }
 

@@ -6,6 +6,7 @@
 //! set aside with the reason and the next best is tried. After each addition, terms that the new one made superfluous go
 //! out again.
 
+use crate::aliased_period::{self, OpenWave};
 use crate::candidates::{Candidate, Round, proposals, refined, score_all};
 use crate::context::Context;
 use crate::error::DiagnoseError;
@@ -64,6 +65,8 @@ pub(crate) struct State<'a> {
     /// Terms that could not be fitted beside what the model has now, or did not pass the gate: not tried again until the
     /// model has changed.
     pub(crate) set_aside: Vec<EffectTerm>,
+    /// Waves whose period the data do not tell.
+    pub(crate) open_waves: Vec<OpenWave>,
     /// All that was found was given up again.
     withdrawn: bool,
     /// What was logged goes by another clock: nothing that follows it is taken.
@@ -85,6 +88,7 @@ impl<'a> State<'a> {
             order_settled: false,
             refused: Vec::new(),
             set_aside: Vec::new(),
+            open_waves: Vec::new(),
             withdrawn: false,
             distrusts_log: false,
             round,
@@ -284,6 +288,8 @@ impl<'a> Search<'a> {
                 Proposal::Free(candidate) => (candidate.clone(), candidate.trials),
             };
             let candidate = lags::refined(round, (&state.machine, self.campaign), candidate)?;
+            let period = aliased_period::period(round, (&state.machine, self.campaign), candidate)?;
+            let Some(candidate) = state.told(period) else { continue };
             let rivals = self.rivals(round, named, &candidate);
             if self.add(state, candidate, rivals, tests, observe)? {
                 return Ok(true);

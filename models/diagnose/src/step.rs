@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: [`crate::search`] and what follows it write them down; the diagnosis reads which term went in when, and why others stay out.
 
+use crate::aliased_period::Period;
 use crate::candidates::Candidate;
 use crate::competing::DESCRIPTION;
 use crate::diagnose::named;
@@ -77,6 +78,19 @@ impl Step {
 }
 
 impl State<'_> {
+    /// The candidate, if the places that were read tell its period; a wave whose period is open is set aside.
+    pub(crate) fn told(&mut self, period: Period) -> Option<Candidate> {
+        match period {
+            Period::Told(candidate) => Some(candidate),
+            Period::Open(wave) => {
+                self.set_aside.push(wave.term.clone());
+                self.steps.push(Step::set_aside(wave.term.clone(), wave.because()));
+                self.open_waves.push(wave);
+                None
+            }
+        }
+    }
+
     /// Effects with a cause that the search refused and did not let in.
     pub(crate) fn causes_set_aside(&self) -> impl Iterator<Item = &EffectTerm> {
         self.steps.iter().filter_map(|step| match step {

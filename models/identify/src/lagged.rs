@@ -3,7 +3,7 @@
 //! Place in the flow: before a campaign meets a model, or a search, that asks for them. Times in s, values in the unit of the name.
 
 use abbe_geometry::effects::{Lag, Travel, of_lagged};
-use abbe_measurement::campaign::{Campaign, Covariate};
+use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 
 /// Longest pause across which what is logged is taken to run straight (s): a tracer is moved to its next station.
 const PAUSE_S: f64 = 1800.0;
@@ -44,15 +44,17 @@ fn lagged(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
 fn travelled(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
     let mut travel = Travel::of(name)?;
     let is_in_order = campaign.readings.windows(2).all(|pair| pair[1].time_s >= pair[0].time_s);
-    let side =
-        |reading: &abbe_measurement::campaign::RangeReading| travel.push(reading.reading_m).map(|now| Some(now.side));
-    if is_in_order { campaign.readings.iter().map(side).collect() } else { None }
+    let logged = campaign.covariate(travel.logged_side());
+    let side = |(k, reading): (usize, &RangeReading)| {
+        let logged = logged.and_then(|column| column.values.get(k).copied().flatten());
+        travel.push(reading.reading_m, logged).map(|now| Some(now.side))
+    };
+    if is_in_order { campaign.readings.iter().enumerate().map(side).collect() } else { None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use abbe_measurement::campaign::RangeReading;
 
     const AT_REST: RangeReading =
         RangeReading { station: 0, line: 0, time_s: 0.0, reading_m: [0.0; 3], offset_m: [0.0; 3], length_m: 0.0 };

@@ -70,8 +70,8 @@ struct Followed {
 enum Made {
     /// The columns of the time and of the logged quantity.
     Columns([usize; 2], Lag),
-    /// The readings.
-    Readings(Travel),
+    /// The readings, and the column of the logged side.
+    Readings(Travel, Option<usize>),
 }
 
 impl<R: Read> PointsReader<R> {
@@ -161,7 +161,8 @@ impl<R: Read> PointsReader<R> {
                 return None;
             }
             if let Some(travel) = Travel::of(&name) {
-                return Some(Followed { name, from: Made::Readings(travel) });
+                let side = header.find(travel.logged_side());
+                return Some(Followed { name, from: Made::Readings(travel, side) });
             }
             let (logged, lag_s) = of_lagged(&name)?;
             let columns = [header.find(TIME.name)?, header.find(&logged)?];
@@ -208,8 +209,10 @@ impl<R: Read> PointsReader<R> {
                     let lagged = time_s.zip(input).map(|(time_s, input)| lag.push(time_s, input));
                     lagged.filter(|lagged| lagged.is_settled).map(|lagged| lagged.value)
                 }
-                Made::Readings(travel) => {
-                    travel.push(row.reading_m).filter(|travelled| travelled.is_settled).map(|travelled| travelled.side)
+                Made::Readings(travel, side) => {
+                    let logged = side.and_then(|column| header.optional_number(&row.cells, column, line));
+                    let travelled = travel.push(row.reading_m, logged);
+                    travelled.filter(|travelled| travelled.is_settled).map(|travelled| travelled.side)
                 }
             });
         }

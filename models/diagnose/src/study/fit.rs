@@ -5,7 +5,7 @@
 //! parameters' uncertainty, or the fit is refused. Whitened rows; parameters in SI.
 
 use super::candidate::Study;
-use super::combinations::combinations;
+use super::combinations::{combinations, independent_of};
 use super::together::score_together;
 use super::view::View;
 use crate::error::DiagnoseError;
@@ -241,5 +241,5 @@ fn new_directions(linear: &Linear, columns: MatRef<f64>) -> Mat<f64> {
 /// The columns without what depends on the others.
 pub(super) fn independent(columns: &Mat<f64>) -> Mat<f64> {
     let gram = columns.transpose() * columns;
-    columns * combinations(&gram, &gram, BASE_LEFT)
+    columns * independent_of(&gram, BASE_LEFT)
 }

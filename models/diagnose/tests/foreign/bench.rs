@@ -59,7 +59,8 @@ pub(crate) fn of(model: &MachineModel, points: &[Verified]) -> Worth {
         model.reads().into_iter().filter_map(|name| Some((name.clone(), Travel::of(&name)?))).collect();
     let corrected = |point: &Verified| {
         let side = |(name, travel): &mut (String, Travel)| {
-            let now = travel.push(point.reading_m).filter(|now| now.is_settled)?;
+            let logged = COLUMNS.iter().position(|known| *known == travel.logged_side()).map(|k| point.logged[k]);
+            let now = travel.push(point.reading_m, logged).filter(|now| now.is_settled)?;
             Some((name.clone(), now.side))
         };
         let covariates = &Logged { point, sides: travels.iter_mut().filter_map(side).collect() };

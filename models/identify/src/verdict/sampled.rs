@@ -11,6 +11,8 @@ const PLACE_M: f64 = 0.2e-3;
 /// Fewest places that show a step, and readings that each place has on average where a plan goes back to its places.
 const PLACES: usize = 4;
 const READINGS: usize = 3;
+/// Shortest step (m) that a wave of a drive repeats within.
+const SHORTEST_M: f64 = 2e-3;
 /// Share of the step by which a place may be off, and share of the places that lie on it.
 const OFF: f64 = 0.03;
 const MOST: f64 = 0.9;
@@ -35,19 +37,28 @@ fn step(mut positions_m: Vec<f64>) -> Option<f64> {
     if places.len() < PLACES || places.len() * READINGS > positions_m.len() {
         return None;
     }
-    let mut gaps: Vec<f64> = places.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    gaps.sort_by(f64::total_cmp);
-    let middle = gaps[gaps.len() / 2];
-    let (first, last) = (places[0], *places.last()?);
-    // Over the whole way the step is known better than from one gap.
-    let count = ((last - first) / middle).round();
-    let step = (last - first) / count;
+    let shortest = places.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let parts = (1..).map(|part| shortest / f64::from(part)).take_while(|step| *step >= SHORTEST_M);
+    parts.into_iter().find_map(|about| on_multiples(&places, about))
+}
+
+/// The step near this one at whose multiples nearly all places lie.
+fn on_multiples(places: &[f64], about: f64) -> Option<f64> {
+    let first = places[0];
+    // Over the whole way the step is known better than from one gap, and little by little does not add up.
+    let mut step = about;
+    for at in &places[1..] {
+        let count = ((at - first) / step).round();
+        if count >= 1.0 && ((at - first) / step - count).abs() < OFF {
+            step = (at - first) / count;
+        }
+    }
     let is_on = |at: &&f64| {
         let steps = (**at - first) / step;
         (steps - steps.round()).abs() < OFF
     };
     let on = places.iter().filter(is_on).count();
-    (count >= 1.0 && on as f64 >= MOST * places.len() as f64).then_some(step)
+    (on as f64 >= MOST * places.len() as f64).then_some(step)
 }
 
 #[cfg(test)]
@@ -64,6 +75,11 @@ mod tests {
         let equal = (0..70_u32).map(|k| f64::from(k % 14) * 0.8 / 13.0 + f64::from(k * 7 % 5) * 1e-5 - 2e-5);
         let found = along_x(equal).unwrap().to_string();
         assert!(found.contains("61.54 mm along X"), "{found}");
+        // Drawn multiples of 25 mm.
+        let multiples =
+            (0..70_u32).map(|k| 0.025 * f64::from([0, 3, 5, 8, 11, 13, 15, 16, 18, 19, 21, 24][k as usize % 12]));
+        let found = along_x(multiples).unwrap().to_string();
+        assert!(found.contains("25.00 mm along X") && found.contains("wave"), "{found}");
         let drawn = (0..70_u32).map(|k| 0.8 * (f64::from(k) * 0.618_034).fract());
         assert_eq!(along_x(drawn), None);
         // Drawn places that each line goes through again.

@@ -53,7 +53,7 @@ impl fmt::Display for Subject {
                     steps.iter().map(|(letter, m)| format!("{:.2} mm along {letter}", m * 1e3)).collect();
                 write!(
                     f,
-                    "readings lie at equal steps of {}: an error that repeats within a step does not show in the residual and is not in U",
+                    "readings lie at whole multiples of {}: an error that repeats within that step, such as a wave of a screw, does not show in the residual and is not in U",
                     steps.join(", ")
                 )
             }

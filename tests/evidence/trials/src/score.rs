@@ -86,7 +86,11 @@ impl Derived {
                 let lagged = lag.push(point.time_s, point.covariates[*place]);
                 lagged.is_settled.then_some(lagged.value)
             }
-            Follows::Way(travel) => travel.push(point.reading_m).filter(|now| now.is_settled).map(|now| now.side),
+            Follows::Way(travel) => {
+                let logged = covariate_names().position(|known| known == travel.logged_side());
+                let logged = logged.map(|place| point.covariates[place]);
+                travel.push(point.reading_m, logged).filter(|now| now.is_settled).map(|now| now.side)
+            }
         };
         self.0.iter_mut().map(|(name, follows)| (name.clone(), value(follows))).collect()
     }
