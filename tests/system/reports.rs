@@ -395,3 +395,40 @@ fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
     assert_eq!(failed.code, Some(3), "{}", failed.errors);
     follows(bench.0.path(), &String::from_utf8(failed.output).unwrap(), "plan");
 }
+
+#[test]
+fn regress_a_correction_that_makes_it_worse_is_said() {
+    let bench = crate::common::files::Bench::identified(5);
+    let (model, page) = (bench.text("model.json"), bench.text("verify.html"));
+    // The same machine with every error turned round: what is added goes the wrong way.
+    let mut table = crate::common::spoil::Table::of(&bench.read("verify.csv"));
+    for line in 2..=table.0.len() {
+        for axis in ["x", "y", "z"] {
+            let number = |table: &mut crate::common::spoil::Table, name: &str| -> f64 {
+                table.cell(line, name).parse().unwrap()
+            };
+            let nominal = number(&mut table, &format!("{axis}_mm")) + number(&mut table, &format!("offset_{axis}_mm"));
+            let actual = number(&mut table, &format!("actual_{axis}_mm"));
+            *table.cell(line, &format!("actual_{axis}_mm")) = format!("{:.6}", 2.0 * nominal - actual);
+        }
+    }
+    let turned = bench.write("turned.csv", table.text());
+    let said = "the correction makes the errors larger: ";
+    let verify = |points: &str, last: &[&str]| {
+        run(["verify", "--model", &model, "--points", points].iter().chain(last).copied().collect::<Vec<_>>())
+    };
+    let ran = verify(&turned, &["--html", &page]);
+    assert_says(
+        &ran.errors,
+        &["abbe: warning: ", "turned.csv", said, "um rms indicated", "do not correct with this model"],
+    );
+    ran.ok();
+    assert_says(&fs::read_to_string(&page).unwrap(), &["The correction makes it worse", "µm rms indicated"]);
+    assert_says(&verify(&turned, &["--json"]).ok(), &["\"correction_makes_worse\": true"]);
+    let good = bench.text("verify.csv");
+    let ran = verify(&good, &["--html", &page]);
+    assert!(!ran.errors.contains(said), "{}", ran.errors);
+    ran.ok();
+    assert!(!fs::read_to_string(&page).unwrap().contains("The correction makes it worse"));
+    assert_says(&verify(&good, &["--json"]).ok(), &["\"correction_makes_worse\": false"]);
+}

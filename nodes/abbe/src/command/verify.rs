@@ -26,6 +26,8 @@ use std::path::PathBuf;
 
 /// With fewer points the alignment takes more than a twentieth of the errors, and it is said.
 const FEW_POINTS: usize = 20;
+/// Share of an rms by which another is larger that is rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// Arguments of `verify`.
 #[derive(Debug, clap::Args)]
@@ -105,6 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "covariate_missing": points.tally.count(Status::CovariateMissing),
             "rms_left_by_alignment": share_left(points.rows.len()),
             "model_doubts": model.said_against().collect::<Vec<_>>(),
+            "correction_makes_worse": worse(&stages).is_some(),
         });
         for stage in &stages {
             let Stage { key, rms_um, max_um, lengths, .. } = stage;
@@ -117,6 +120,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         print_words(&points, &stages);
         next(arguments, &points, &stages).print();
+    }
+    if let Some(worse) = worse(&stages) {
+        eprintln!("abbe: warning: {name}: {worse}");
     }
     if !points.tally.is_inside() {
         eprintln!("abbe: {}", points.tally.words(&model.model, &name, "line"));
@@ -137,6 +143,18 @@ fn next(arguments: &Arguments, points: &VerificationPoints, stages: &[Stage]) ->
     }
     let correct = Next::new("to correct readings with it", "correct").file("--model", &arguments.model);
     arguments.residual.iter().fold(correct, |correct, path| correct.file("--residual", path)).text(READINGS)
+}
+
+/// That a correction does harm, where it does: figures alone are read past.
+fn worse(stages: &[Stage]) -> Option<String> {
+    let (before, after) = stages.first().zip(stages.last())?;
+    let [indicated, corrected] = [before, after].map(|stage| digits::result(stage.rms_um));
+    (after.rms_um > before.rms_um * (1.0 + ROUNDING)).then(|| {
+        format!(
+            "the correction makes the errors larger: {indicated} um rms indicated, {corrected} um rms corrected; do not correct with this model \
+             before it is known why: see whether points and model are of one machine in one state, and identify it anew"
+        )
+    })
 }
 
 /// The page, where one is asked for.
@@ -166,6 +184,7 @@ fn write(
         stages,
         inside: points.tally.count(Status::InVolume) as usize,
         few: few(points.rows.len()),
+        worse: worse(stages),
         outside: points.tally.sentences(&model.model),
         doubts: model.said_against().collect(),
         next: next(arguments, points, stages).step(),

@@ -20,6 +20,8 @@ pub(super) struct Page<'a> {
     pub(super) inside: usize,
     /// What so few points do to the figures, where they are few.
     pub(super) few: Option<String>,
+    /// That the correction does harm, where it does.
+    pub(super) worse: Option<String>,
     /// What the others are, in sentences.
     pub(super) outside: Option<String>,
     pub(super) doubts: Vec<String>,
@@ -82,6 +84,8 @@ fn figures(page: &Page) -> Section {
 fn limits(page: &Page) -> Vec<Section> {
     let warning = |tone, title: &str, text: String| Section::Callout(Callout { tone, title: title.to_owned(), text });
     let mut list: Vec<Section> = Vec::new();
+    let worse = page.worse.iter().map(|text| text.replace(" um ", " µm "));
+    list.extend(worse.map(|text| warning(Tone::Bad, "The correction makes it worse", format!("{text}."))));
     let tone = if page.inside == 0 { Tone::Bad } else { Tone::Warning };
     list.extend(
         page.outside.iter().map(|text| warning(tone, "Not all points are inside what was measured", text.clone())),
