@@ -286,3 +286,63 @@ fn targets_that_cannot_tell_the_errors_are_refused() {
     let refused = run(["guideway", "--points", &good, "--axis", "x", "--u-range", "1", "--u-across", "5,2"]).refused();
     assert_says(&refused, &["--u-range", "2 numbers"]);
 }
+
+/// Centres of a head without errors, each off by noise of some micrometres: 25 poses, two distances.
+fn noise_alone() -> String {
+    let mut content = "a_deg,c_deg,d_mm,x_mm,y_mm,z_mm\n".to_owned();
+    let (mut seed, mut count) = (1_u64, 0);
+    let mut noise_mm = || {
+        // The sum of twelve uniform numbers of a linear congruence.
+        let mut uniform = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        0.004 * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)
+    };
+    for a_deg in [-60.0_f64, -30.0, 0.0, 30.0, 60.0] {
+        for c_deg in [0.0_f64, 72.0, 144.0, 216.0, 288.0] {
+            for d_mm in [40.0, 60.0] {
+                let ((sa, ca), (sc, cc)) = (a_deg.to_radians().sin_cos(), c_deg.to_radians().sin_cos());
+                let [x, y, z] = [3.1 + 0.02 * d_mm, -2.2 - 0.03 * d_mm, -150.4 - d_mm];
+                let [y, z] = [ca * y - sa * z, sa * y + ca * z];
+                let centre = [512.3 - (cc * x - sc * y), -200.4 - (sc * x + cc * y), 88.8 - z];
+                let [x, y, z] = centre.map(|v| v + noise_mm());
+                writeln!(content, "{a_deg},{c_deg},{d_mm},{x:.5},{y:.5},{z:.5}").unwrap();
+                count += 1;
+            }
+        }
+    }
+    assert_eq!(count, 50);
+    content
+}
+
+#[test]
+fn regress_a_table_of_noise_is_not_given() {
+    let (folder, path) = file(&noise_alone());
+    let out = text(&folder.path().join("out"));
+    let ran = run(["probe-pose", "--centres", &path, "--out", &out]);
+    assert_says(
+        &ran.errors,
+        &["abbe: warning: ", "data.csv", "the table corrects nothing", "no compensation.csv is written"],
+    );
+    ran.ok();
+    assert!(!folder.path().join("out/compensation.csv").exists());
+    let html = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert_says(&html, &["No table is given", "NOT to be added to anything"]);
+    assert!(!html.contains("Compensation by pose"));
+    let json: Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("out/probe_pose.json")).unwrap()).unwrap();
+    assert!(json["table"].as_array().unwrap().is_empty(), "{}", json["table"]);
+    assert!(json["table_withheld"].as_str().unwrap().contains("corrects nothing"), "{}", json["table_withheld"]);
+    // The table of other data would pass for that of these.
+    fs::write(folder.path().join("out/compensation.csv"), "a_deg\n").unwrap();
+    assert_says(&run(["probe-pose", "--centres", &path, "--out", &out]).refused(), &["compensation.csv", "remove it"]);
+    // What a pose does add is given as ever.
+    let good = text(&folder.path().join("good"));
+    let ran = run(["probe-pose", "--centres", &text(&centres()), "--out", &good]);
+    assert!(!ran.errors.contains("corrects nothing"), "{}", ran.errors);
+    ran.ok();
+    let json: Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("good/probe_pose.json")).unwrap()).unwrap();
+    assert!(json["table_withheld"].is_null() && json["table"].as_array().unwrap().len() == 5);
+}

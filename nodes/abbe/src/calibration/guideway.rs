@@ -58,6 +58,7 @@ pub(crate) fn product(
     Ok(Product {
         words: words(&solved) + &verdict::words(&verdict.findings) + &told(&solved, &rejected),
         files: vec![(ERRORS, csv(&solved)), (FIGURES, text)],
+        withheld: Vec::new(),
         report: Some(report((&solved, &verdict, &rejected), by_spread.as_ref(), path, &file.sha256)),
         json,
     })

@@ -34,6 +34,8 @@ pub(crate) struct Product {
     pub(crate) report: Option<Report>,
     /// Further files by name.
     pub(crate) files: Vec<(&'static str, String)>,
+    /// Files that these data do not bear: one that is there from before would pass for theirs.
+    pub(crate) withheld: Vec<&'static str>,
 }
 
 /// What follows from a calibration, in report and words.
@@ -75,6 +77,14 @@ pub(crate) fn finish(product: &Product, folder: Option<&Path>, input: &Path, as_
 /// Each file appears whole.
 fn write(folder: &Path, product: &Product, input: &Path) -> anyhow::Result<()> {
     check_folder(folder)?;
+    for name in &product.withheld {
+        let path = folder.join(name);
+        ensure!(
+            !path.exists(),
+            "{}: is of other data, and these give none; remove it, or name another folder with --out",
+            path.display()
+        );
+    }
     let mut contents = product.files.clone();
     if let Some(report) = &product.report {
         contents.push((REPORT, report.html()?));

@@ -1,7 +1,7 @@
 //! Pose of a laser probe and its compensation table: words, JSON, CSV and report.
 //!
 //! Place in the flow: centres file → `abbe_measurement::probe_pose` → [`Product`]. Every calibration is judged on poses and
-//! centres left out of it. mm and µm, uncertainties k = 2.
+//! centres left out of it; a table that helps none of them is withheld. mm and µm, uncertainties k = 2.
 
 use super::{COVERAGE, Product, claim_json, claim_words, of_claim};
 use crate::provenance::made_from;
@@ -80,16 +80,21 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
     let poses = leave_one_pose_out(&file.rows, model).ok();
     tell_near(&name(), &file.rows);
     let judged = Judged { centres: file.rows, pose, table, poses, again };
+    let harm = judged.harm();
     let mut json = judged.json(&file.sha256);
     let verdict = verdict::of_fit(judged.within(), None);
     verdict::check(&verdict, accept, &name(), || json.clone())?;
     json["findings"] = verdict::json(&verdict.findings);
+    if let Some(harm) = &harm {
+        eprintln!("abbe: warning: {}: {harm}; no {TABLE} is written", name());
+    }
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
         words: judged.words() + &verdict::words(&verdict.findings) + &claim_words(judged.pose.claim.as_ref()),
         report: Some(judged.report(path, &file.sha256, &verdict)),
-        files: vec![(TABLE, judged.csv()), (FIGURES, text)],
+        files: harm.is_none().then(|| (TABLE, judged.csv())).into_iter().chain([(FIGURES, text)]).collect(),
+        withheld: harm.map(|_| TABLE).into_iter().collect(),
         json,
     })
 }
@@ -147,6 +152,23 @@ impl Judged {
     fn again_um(&self) -> Option<(f64, f64)> {
         let known = || self.again.iter().flatten();
         Some((mean(known().map(|c| um(&c.error_m)))?, mean(known().map(|c| um(&c.compensated_m)))?))
+    }
+
+    /// Why the table is not to be added to anything: a mean of noise makes points worse by as much as it scatters.
+    fn harm(&self) -> Option<String> {
+        let remedy = "work without a table, or measure more centres in each pose";
+        let (before, after) = self.again_um()?;
+        if after >= before {
+            let [before, after] = [before, after].map(digits::result);
+            return Some(format!(
+                "the table corrects nothing: centres left out are {before} um off in the mean without it, and {after} um with it; {remedy}"
+            ));
+        }
+        let within_m = self.pose.scatter.within_m.filter(|_| self.pose.scatter.between_m == Some(0.0))?;
+        let within = digits::result(within_m * 1e6);
+        Some(format!(
+            "the table corrects nothing: poses differ by no more than the scatter within them ({within} um) makes them; {remedy}"
+        ))
     }
 
     fn elsewhere_um(&self) -> Option<f64> {
@@ -251,6 +273,8 @@ impl Judged {
             })
         };
         let covariance = self.pose.covariance.as_ref();
+        let harm = self.harm();
+        let given = self.table.entries.iter().filter(|_| harm.is_none());
         json!({
             "equation": "S0 = S1 + R_C (o + R_A (d R_p + T_p)); o = (0, axis offset, 0); compensation is added to a probed point",
             "unknowns": self.values().iter().enumerate().map(unknown).collect::<Vec<_>>(),
@@ -267,7 +291,8 @@ impl Judged {
             "degrees_of_freedom_within_poses": self.within().map(|(_, degrees)| degrees),
             "uncertainty_from": claim_json(self.pose.claim.as_ref()),
             "residuals_um": self.pose.residuals_m.iter().map(vector).collect::<Vec<_>>(),
-            "table": self.table.entries.iter().map(entry).collect::<Vec<_>>(),
+            "table": given.map(entry).collect::<Vec<_>>(),
+            "table_withheld": harm,
             "poses_left_out": self.poses.as_ref().map(|poses| poses.iter().map(pose).collect::<Vec<_>>()),
             "centres_left_out": self.again.iter().map(|c| c.as_ref().map(|c| json!({
                 "error_um": vector(&c.error_m), "compensated_um": vector(&c.compensated_m),
@@ -280,7 +305,7 @@ impl Judged {
     fn report(&self, path: &Path, sha256: &[u8; 32], verdict: &Verdict) -> Report {
         let mut sections = vec![self.key_figures()];
         sections.extend(verdict::callouts(&verdict.findings));
-        sections.push(note("What the table is worth", WORTH.to_owned()));
+        sections.push(self.worth());
         let claim = self.pose.claim.as_ref().and_then(of_claim);
         sections.extend(claim.map(|text| note("What the uncertainty rests on", text)));
         sections.extend([self.picture(), self.unknown_table(), self.compensation_section(), self.left_out_section()]);
@@ -298,6 +323,17 @@ impl Judged {
             footer: Some(crate::pipeline::software()),
             sections,
         }
+    }
+
+    /// What the table is good for, or why there is none.
+    fn worth(&self) -> Section {
+        self.harm().map_or_else(
+            || note("What the table is worth", WORTH.to_owned()),
+            |harm| {
+                let text = format!("{}.", harm.replace(" um", " µm"));
+                Section::Callout(Callout { tone: Tone::Warning, title: "No table is given".to_owned(), text })
+            },
+        )
     }
 
     fn key_figures(&self) -> Section {
@@ -412,12 +448,15 @@ impl Judged {
             Column::number("z", "µm"),
             Column::number("spread", "µm"),
         ];
+        let (title, what) = match self.harm() {
+            None => ("Compensation by pose", "To be added to a point probed in that pose"),
+            Some(_) => ("What was found by pose", "Scatter, and NOT to be added to anything"),
+        };
         Section::Table(TableSection {
-            title: "Compensation by pose".to_owned(),
-            note: Some(
-                "To be added to a point probed in that pose (S0 less where the pose puts the sphere); as many digits as the spread of its \
-                 centres allows.".to_owned(),
-            ),
+            title: title.to_owned(),
+            note: Some(format!(
+                "{what} (S0 less where the pose puts the sphere); as many digits as the spread of its centres allows."
+            )),
             columns,
             rows: self.table.entries.iter().map(row).collect(),
             total_rows: None,

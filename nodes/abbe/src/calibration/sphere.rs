@@ -94,7 +94,7 @@ pub(crate) fn product(
         "residuals_um": fit.residuals_m.iter().map(|r| r * 1e6).collect::<Vec<_>>(),
         "software": crate::pipeline::software(),
     });
-    Ok(Product { words, json, report: None, files: Vec::new() })
+    Ok(Product { words, json, report: None, files: Vec::new(), withheld: Vec::new() })
 }
 
 /// Lines of rejected points, and how far they lie off the sphere of the others.
