@@ -62,7 +62,11 @@ fn with_effects(effects: &[(&str, Shape, Vec<f64>)]) -> ModelFile {
 
 fn exported(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
     let about = About::new(file, &[0xab; 32], "abbe test");
-    let (Writer::Functions(write) | Writer::Approaches(write)) = format(name).unwrap().writer else { panic!() };
+    let (Writer::Functions(write) | Writer::Approaches(write) | Writer::Positions(write)) =
+        format(name).unwrap().writer
+    else {
+        panic!()
+    };
     write(&about, &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap()
 }
 
@@ -326,7 +330,7 @@ fn regress_fanuc_points_hold_large_errors_by_their_magnification() {
     machine.stroke_m[0].1 = 0.8123;
     file.model = MachineModel::new(ModelParts { machine, coefficients, ..parts }).unwrap();
     let errors = SampledErrors::of(&file.model, 0.8123 / 127.0).unwrap();
-    let Writer::Approaches(write) = format("fanuc-pitch").unwrap().writer else { panic!() };
+    let Writer::Positions(write) = format("fanuc-pitch").unwrap().writer else { panic!() };
     let text = write(&About::new(&file, &[0xab; 32], "abbe test"), &errors).unwrap()[0].text.clone();
     let part = text.split("\naxis ").nth(1).unwrap();
     let entered = |number: u32| part.split(&format!("N{number} X ")).nth(1).unwrap().split_whitespace().next().unwrap();
@@ -418,7 +422,11 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
     );
     // It moves Y with the reading of X, which is no positioning of Y: tables of zeros stood there.
     let refused = |name: &str| {
-        let (Writer::Functions(write) | Writer::Approaches(write)) = format(name).unwrap().writer else { panic!() };
+        let (Writer::Functions(write) | Writer::Approaches(write) | Writer::Positions(write)) =
+            format(name).unwrap().writer
+        else {
+            panic!()
+        };
         write(&about(&file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap_err().to_string()
     };
     for name in ["linuxcnc-comp", "siemens-enc-comp", "heidenhain-style", "fanuc-pitch"] {
@@ -449,9 +457,7 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
     let (mut empty, parts) = (model(), file.model.parts().clone());
     let covariance = vec![0.0; layout.len() * (layout.len() + 1) / 2];
     empty.model = MachineModel::new(ModelParts { effects: Vec::new(), covariance, ..parts }).unwrap();
-    let (Writer::Functions(write) | Writer::Approaches(write)) = format("linuxcnc-comp").unwrap().writer else {
-        panic!()
-    };
+    let Writer::Positions(write) = format("linuxcnc-comp").unwrap().writer else { panic!() };
     let nothing = write(&about(&empty), &SampledErrors::of(&empty.model, STEP_M).unwrap()).unwrap_err().to_string();
     assert!(nothing.contains("says nothing of the positioning of any axis"), "{nothing}");
 }

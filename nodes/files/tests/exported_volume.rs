@@ -209,3 +209,109 @@ fn regress_an_axis_whose_table_is_wholly_outside_is_named() {
     file.model = MachineModel::new(parts).unwrap();
     assert_eq!(about(&file).axes_outside(), [Axis::X]);
 }
+
+/// A bridge whose X pitches: its positioning is made so that a tip in the middle of the volume stands right, and its pivot does not.
+fn pitching() -> ModelFile {
+    let mut file = model(BRIDGE, 1);
+    let mut parts = file.model.parts().clone();
+    let layout = Layout::new(&parts.machine, OFFSET_M).unwrap();
+    let (lower_m, upper_m) = parts.machine.stroke_m[2];
+    let lever_m = 0.5 * (lower_m + upper_m) + OFFSET_M[2];
+    parts.coefficients.iter_mut().for_each(|value| *value = 0.0);
+    let [pitch, own] =
+        [ErrorId::angular(Axis::Y, Axis::X), ErrorId::linear(Axis::X, Axis::X)].map(|id| layout.range(id));
+    for (k, (angle, along)) in pitch.zip(own).enumerate() {
+        parts.coefficients[angle] = 6e-5 / (k + 1) as f64;
+        parts.coefficients[along] = -lever_m * parts.coefficients[angle];
+    }
+    file.model = MachineModel::new(parts).unwrap();
+    file
+}
+
+/// Error of the tip along X over the volume, free of its mean, rms (m): as it is, and less what a table of Siemens says.
+fn along_x_m(file: &ModelFile, table: &str) -> (f64, f64) {
+    let value = |key: &str| after(table, &format!("$AA_ENC_COMP{key},AX1]=")) / 1e3;
+    let (step_m, first_m) = (value("_STEP[0"), value("_MIN[0"));
+    let nodes = table.lines().filter(|line| line.contains("COMP[0,") && line.contains(",AX1]=")).count();
+    let said_m = |x_m: f64| {
+        let at = (x_m - first_m) / step_m;
+        let cell = (at.floor() as usize).min(nodes - 2);
+        let [left_m, right_m] = [cell, cell + 1].map(|k| value(&format!("[0,{k}")));
+        left_m + (right_m - left_m) * (at - cell as f64)
+    };
+    let stroke_m = file.model.parts().machine.stroke_m;
+    let at = |d: usize, k: usize| stroke_m[d].0 + (stroke_m[d].1 - stroke_m[d].0) * k as f64 / (NODES - 1) as f64;
+    let (mut before_m, mut after_m) = (Vec::new(), Vec::new());
+    for k in 0..NODES.pow(3) {
+        let place_m = [at(0, k % NODES), at(1, k / NODES % NODES), at(2, k / NODES / NODES)];
+        let error_m = geometric_error_m(&file.model, &[], place_m, OFFSET_M).x;
+        before_m.push(error_m);
+        after_m.push(error_m - said_m(place_m[0]));
+    }
+    let rms_m = |all: &[f64]| {
+        let mean_m = all.iter().sum::<f64>() / all.len() as f64;
+        (all.iter().map(|m| (m - mean_m).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+    };
+    (rms_m(&before_m), rms_m(&after_m))
+}
+
+/// Tables of one axis held the error at the pivots without a word, and made that of the tip half as large again.
+#[test]
+fn regress_tables_of_one_axis_say_what_they_do_to_the_tip_and_are_made_for_one() {
+    let mut file = pitching();
+    let mut parts = file.model.parts().clone();
+    parts.machine.default_offset_m = Some(OFFSET_M);
+    file.model = MachineModel::new(parts).unwrap();
+    for name in ["siemens-enc-comp", "fanuc-pitch", "linuxcnc-comp"] {
+        let Writer::Positions(write) = format(name).unwrap().writer else { panic!() };
+        let head = |about: &About| {
+            let errors = about.at_tip(SampledErrors::of(&file.model, STEP_M).unwrap());
+            write(about, &errors).unwrap()[0].text.clone()
+        };
+        let (pivot, tip) = (head(&about(&file)), head(&about(&file).for_tip(OFFSET_M)));
+        assert!(pivot.contains("LARGER: ") && pivot.contains("--offset-mm 20.0000,-30.0000,-60.0000"), "{pivot}");
+        assert!(pivot.contains("positioning errors of each axis by itself"), "{pivot}");
+        assert!(
+            tip.contains("tip: ") && !tip.contains("LARGER") && tip.contains("of a tip at 20.0000 -30.0000"),
+            "{tip}"
+        );
+        if name == "siemens-enc-comp" {
+            for text in [&pivot, &tip] {
+                let said = text.split("with this table: X ").nth(1).unwrap();
+                let (before_m, after_m) = along_x_m(&file, text);
+                println!("{before_m:.3e} -> {after_m:.3e} m");
+                let mut words = said.split([' ', ',', '\n']);
+                let before_um: f64 = words.next().unwrap().parse().unwrap();
+                let after_um: f64 = words.nth(1).unwrap().parse().unwrap();
+                assert!((before_um * 1e-6 - before_m).abs() < 2e-9, "{before_um} {before_m}");
+                assert!((after_um * 1e-6 - after_m).abs() < 2e-9, "{after_um} {after_m}");
+            }
+            let ((before_m, pivot_m), (_, tip_m)) = (along_x_m(&file, &pivot), along_x_m(&file, &tip));
+            assert!(pivot_m > 1.1 * before_m && tip_m <= before_m, "{before_m} {pivot_m} {tip_m}");
+        }
+    }
+}
+
+/// Least squares by all nodes of a grid, one X at a time, leave no less than the table of a tip.
+#[test]
+fn a_table_for_a_tip_is_that_of_least_squares_on_every_chain() {
+    for (seed, text) in (0..3).flat_map(|seed| machines().map(|text| (seed, text))) {
+        let file = model(&text, seed);
+        let about = about(&file).for_tip(OFFSET_M);
+        let Writer::Positions(write) = format("siemens-enc-comp").unwrap().writer else { panic!() };
+        let errors = about.at_tip(SampledErrors::of(&file.model, 0.005).unwrap());
+        let (before_m, after_m) = along_x_m(&file, &write(&about, &errors).unwrap()[0].text);
+        let stroke_m = file.model.parts().machine.stroke_m;
+        let at = |d: usize, k: usize| stroke_m[d].0 + (stroke_m[d].1 - stroke_m[d].0) * k as f64 / (NODES - 1) as f64;
+        let mut least_m2 = 0.0;
+        for i in 0..NODES {
+            let there = (0..NODES * NODES).map(|k| [at(0, i), at(1, k % NODES), at(2, k / NODES)]);
+            let there: Vec<f64> = there.map(|p| geometric_error_m(&file.model, &[], p, OFFSET_M).x).collect();
+            let mean_m = there.iter().sum::<f64>() / there.len() as f64;
+            least_m2 += there.iter().map(|m| (m - mean_m).powi(2)).sum::<f64>() / (there.len() * NODES) as f64;
+        }
+        println!("{seed}: {before_m:.3e} -> {after_m:.3e} m, least {:.3e} m", least_m2.sqrt());
+        // Steps of the table and products of two errors are left.
+        assert!(after_m < least_m2.sqrt() + 3e-8 && after_m <= before_m + 3e-8, "{seed}");
+    }
+}

@@ -46,7 +46,7 @@ fn grid(file: &ModelFile) -> SampledGrid {
 
 fn written(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
     match format(name).unwrap().writer {
-        Writer::Functions(write) | Writer::Approaches(write) => {
+        Writer::Functions(write) | Writer::Approaches(write) | Writer::Positions(write) => {
             write(&about(file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap()
         }
         Writer::Grid(write) => write(&about(file), &grid(file)).unwrap(),
@@ -102,7 +102,7 @@ fn every_format_says_in_its_head_what_its_numbers_mean_and_what_they_lack() {
         }
         // Formats of approaches hold a reversal that its own axis alone decides.
         let lacking = match format.writer {
-            Writer::Approaches(_) => &["scale_expansion", "residual.bin"][..],
+            Writer::Approaches(_) | Writer::Positions(_) => &["scale_expansion", "residual.bin"][..],
             _ => &["reversal", "scale_expansion", "residual.bin"][..],
         };
         for effect in lacking {

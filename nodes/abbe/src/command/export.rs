@@ -8,7 +8,7 @@ use crate::next::Next;
 use crate::output;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{
-    About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m, of_places,
+    About, ExportedFile, FORMATS, Format, LARGER, SampledGrid, TIP, Writer, format, geometric_error_m, of_places,
 };
 use abbe_files::{AtomicFile, FileError, ModelFile};
 use abbe_geometry::Vector3;
@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     within_um: Option<f64>,
     /// Tip or reflector relative to the ram reference point, for grids and factors of skew: x,y,z (mm); the machine's default where
-    /// it has one
+    /// it has one. Tables of one axis (siemens-enc-comp, fanuc-pitch, linuxcnc-comp) are made for the pivots without it, for the tip with it
     #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
     offset_mm: Option<Vec<f64>>,
 }
@@ -68,7 +68,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let about = About::new(&file, &sha256, &crate::pipeline::software());
     let (files, offset_m) = match format.writer {
         Writer::Functions(write) | Writer::Approaches(write) => {
+            ensure!(
+                arguments.offset_mm.is_none(),
+                "--offset-mm is for grids, factors and tables of one axis; {} holds error functions",
+                arguments.format
+            );
             (of_functions(arguments, (format, write), &file, &about)?, None)
+        }
+        Writer::Positions(write) => {
+            let offset_m = asked_offset_m(arguments)?;
+            let about = offset_m.map_or_else(|| about.clone(), |offset_m| about.clone().for_tip(offset_m));
+            (of_functions(arguments, (format, write), &file, &about)?, offset_m)
         }
         Writer::Factors(write) => {
             let offset_m = factors_offset_m(arguments, &file)?;
@@ -83,6 +93,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(words) = outside_words(&file) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
+    for words in head_words(&files, LARGER) {
+        eprintln!("abbe: warning: {}: {words}", arguments.out.display());
+    }
     for words in about.not_measured(format) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
@@ -95,10 +108,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "conformity --lengths LENGTHS.csv --probing bidirectional",
     )
     .print();
-    match offset_m {
-        Some(offset_m) => judge(arguments, &file, offset_m),
-        None => judge_tables(arguments, &file, &about),
+    if offset_m.is_none() || matches!(format.writer, Writer::Positions(_)) {
+        judge_tables(arguments, &file, &about)?;
     }
+    offset_m.map_or(Ok(()), |offset_m| judge(arguments, &file, offset_m))
 }
 
 /// An error where the whole table of an axis is for readings that were not measured.
@@ -179,13 +192,9 @@ fn of_functions(
     file: &ModelFile,
     about: &About,
 ) -> anyhow::Result<Vec<ExportedFile>> {
-    ensure!(
-        arguments.offset_mm.is_none(),
-        "--offset-mm is for grids and factors; {} holds error functions",
-        arguments.format
-    );
+    let sampled = |step_m: f64| SampledErrors::of(&file.model, step_m).map(|errors| about.at_tip(errors));
     if let Some(step_mm) = arguments.step_mm {
-        return Ok(write(about, &SampledErrors::of(&file.model, step_mm / 1e3)?)?);
+        return Ok(write(about, &sampled(step_mm / 1e3)?)?);
     }
     let (within_um, is_asked) = (arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM), arguments.within_um.is_some());
     let longest_m = file.model.parts().machine.travel_m().into_iter().fold(0.0, f64::max);
@@ -193,7 +202,7 @@ fn of_functions(
     // Where a controller may go in steps, more rows are smaller steps.
     let halvings = if is_asked || !format.is_stepped { 0..=MOST_HALVINGS } else { 0..=0 };
     for halvings in halvings {
-        let errors = SampledErrors::of(&file.model, longest_m / f64::from(1_u32 << halvings))?;
+        let errors = sampled(longest_m / f64::from(1_u32 << halvings))?;
         if !is_asked && !format.holds(&errors) {
             break;
         }
@@ -205,7 +214,7 @@ fn of_functions(
     }
     if let (false, Some(most)) = (is_asked, format.most_points) {
         // All the rows that it holds: the last halving uses little more than half of them.
-        finest = Some(SampledErrors::of(&file.model, longest_m / (most - 1) as f64)?);
+        finest = Some(sampled(longest_m / (most - 1) as f64)?);
     }
     let (false, Some(finest), Some(most)) = (is_asked, finest, format.most_points) else {
         let finest_mm = longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS);
@@ -294,10 +303,12 @@ fn wanted_um(arguments: &Arguments) -> Option<f64> {
 
 /// What the files say of the step and what interpolation misses, or of what factors leave.
 fn missed_words(files: &[ExportedFile]) -> Option<&str> {
-    files
-        .iter()
-        .flat_map(|file| file.text.lines())
-        .find_map(|line| ["interpolation: ", "fit: "].into_iter().find_map(|label| line.split(label).nth(1)))
+    ["interpolation: ", "fit: "].into_iter().find_map(|label| head_words(files, label).next())
+}
+
+/// What stands behind a label in the heads of the files.
+fn head_words<'a>(files: &'a [ExportedFile], label: &'a str) -> impl Iterator<Item = &'a str> {
+    files.iter().flat_map(|file| file.text.lines()).filter_map(move |line| line.split(label).nth(1))
 }
 
 /// Where the tables go beyond what was measured: they reach over the whole stroke.
@@ -326,5 +337,6 @@ fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
         let asked = asked + &most;
         println!("  {missed}{asked}");
     }
+    head_words(files, TIP).for_each(|words| println!("  {words}"));
     println!("  {}", format.source);
 }

@@ -37,7 +37,7 @@ pub(super) const FORMAT: Format = Format {
              compare one point before use",
     most_points: Some(MOST_POINTS),
     is_stepped: true,
-    writer: Writer::Approaches(write),
+    writer: Writer::Positions(write),
 };
 
 /// One axis.
@@ -53,9 +53,11 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let unknown = about.unknown(&FORMAT)?;
     let known = errors.axes.iter().filter(|axis| !unknown.contains(&axis.axis));
     let axes = known.map(|axis| Axis::of(about, axis)).collect::<Result<Vec<_>, _>>()?;
-    let units = "increments in um (detection unit 1 um) over the magnification of the axis (N3623), the correction, indicated - actual, of \
-                 approaches in + from the lower end on, where the reference position is taken to be; positioning errors of each axis by \
-                 itself, nothing else of the model";
+    let units = format!(
+        "increments in um (detection unit 1 um) over the magnification of the axis (N3623), the correction, indicated - actual, of \
+         approaches in + from the lower end on, where the reference position is taken to be; {}",
+        about.positions_words()
+    );
     let roundings: Vec<String> = axes
         .iter()
         .map(|axis| {
@@ -71,7 +73,8 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
         roundings.join(", "),
         fixed(step_um, 0)
     );
-    let lines = about.lines(&FORMAT, units, &missed);
+    let mut lines = about.lines(&FORMAT, &units, &missed);
+    lines.extend(about.tip_lines(errors, &unknown));
     let mut text = commented(&lines, "#");
     for (number, sampled) in errors.axes.iter().enumerate() {
         match axes.iter().find(|axis| axis.sampled.axis == sampled.axis) {

@@ -21,16 +21,19 @@ pub(super) const FORMAT: Format = Format {
              is not used, the reversal is in the columns; machine units must be mm",
     most_points: Some(MOST_POINTS),
     is_stepped: false,
-    writer: Writer::Approaches(write),
+    writer: Writer::Positions(write),
 };
 
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
-    let units = "mm; columns nominal, forward, reverse: the position commanded, and that reached coming from below and from above; \
-                 positioning errors of each axis by itself, nothing else of the model";
-    let lines = about.lines(&FORMAT, units, &missed_words(errors));
-    let mut files = vec![ExportedFile { name: "head.txt".to_owned(), text: commented(&lines, "#") }];
+    let units = format!(
+        "mm; columns nominal, forward, reverse: the position commanded, and that reached coming from below and from above; {}",
+        about.positions_words()
+    );
     // An axis that the model says nothing of has no file: it is among those that were not identified.
     let unknown = about.unknown(&FORMAT)?;
+    let mut lines = about.lines(&FORMAT, &units, &missed_words(errors));
+    lines.extend(about.tip_lines(errors, &unknown));
+    let mut files = vec![ExportedFile { name: "head.txt".to_owned(), text: commented(&lines, "#") }];
     for axis in errors.axes.iter().filter(|axis| !unknown.contains(&axis.axis)) {
         files.push(table(about, axis)?);
     }

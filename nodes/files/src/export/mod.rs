@@ -21,9 +21,12 @@ mod said;
 mod siemens_enc_comp;
 mod skew;
 mod steps;
+mod tip;
+mod volume;
 mod volumetric_grid;
 
 pub use approach::Approach;
+pub use tip::{LARGER, TIP};
 
 use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
@@ -72,6 +75,8 @@ pub enum Writer {
     Functions(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
     /// From the error functions of each axis, and what depends on the side it comes from.
     Approaches(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
+    /// The same of nothing but the positioning of each axis, which is one at the pivots or for a tip.
+    Positions(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
     /// From the errors at the nodes of a grid.
     Grid(fn(&About, &SampledGrid) -> Result<Vec<ExportedFile>, FileError>),
     /// A few factors for the whole volume, from the error of a tip at this offset (m, ram frame).
@@ -82,6 +87,11 @@ impl Writer {
     /// Whether what it writes holds effects of position that no function of one axis holds.
     fn holds_places(self) -> bool {
         matches!(self, Writer::Grid(_) | Writer::Factors(_))
+    }
+
+    /// Whether what it writes holds what depends on the side that an axis comes from.
+    fn holds_approaches(self) -> bool {
+        matches!(self, Writer::Approaches(_) | Writer::Positions(_))
     }
 }
 
@@ -146,6 +156,10 @@ pub struct About {
     held_at_zero: Vec<String>,
     /// Axes of whose positioning an effect says something.
     with_any: Vec<Axis>,
+    /// Tip that tables of one axis are judged for (m, ram frame): the machine's, or the middle of those that were measured.
+    tip_m: [f64; 3],
+    /// Whether they are made for it.
+    is_for_tip: bool,
 }
 
 /// Errors on a grid of readings.
@@ -196,6 +210,8 @@ impl About {
             beyond_m: beyond_identified(&file.model).collect(),
             held_at_zero: held_at_zero(&file.model, &with_any),
             with_any,
+            tip_m: file.model.parts().machine.default_offset_m.unwrap_or(file.model.parts().offset_centre_m),
+            is_for_tip: false,
             with_effects,
             left_out: left_out.into_iter().chain(network).collect(),
             of_approach,
@@ -205,7 +221,7 @@ impl About {
 
     /// What of the model tables of this format do not hold.
     pub fn left_out(&self, format: &Format) -> impl Iterator<Item = &String> {
-        let of_approach = (!matches!(format.writer, Writer::Approaches(_))).then_some(&self.of_approach);
+        let of_approach = (!format.writer.holds_approaches()).then_some(&self.of_approach);
         let of_places = (!format.writer.holds_places()).then_some(&self.of_places);
         self.left_out.iter().chain(of_approach.into_iter().chain(of_places).flatten())
     }
@@ -311,7 +327,7 @@ impl About {
             format!("units: {units}"),
             match format.writer {
                 Writer::Factors(_) => format!("fit: {missed}"),
-                Writer::Functions(_) | Writer::Approaches(_) | Writer::Grid(_) => format!("interpolation: {missed}"),
+                _ => format!("interpolation: {missed}"),
             },
             format!("ram: {}", self.ram_words(format.writer)),
             format!("format: {}", format.source),
@@ -321,7 +337,7 @@ impl About {
         }
         lines.extend(self.not_measured(format));
         lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
-        if matches!(format.writer, Writer::Approaches(_)) {
+        if format.writer.holds_approaches() {
             lines.push(self.approach_words());
         }
         lines
@@ -371,7 +387,7 @@ impl About {
             Writer::Factors(_) => {
                 format!("{how}; it shifts all points of a tip alike, which no such factor takes away")
             }
-            Writer::Functions(_) | Writer::Approaches(_) => format!(
+            Writer::Functions(_) | Writer::Approaches(_) | Writer::Positions(_) => format!(
                 "{how}; NOT in the error functions: a tip at another offset stands off by turn x (its offset - that offset), \
                  the same everywhere: correct the offset of each tool by it"
             ),

@@ -28,17 +28,20 @@ pub(super) const FORMAT: Format = Format {
              from there, not tried on a controller: axis numbers, memory (MD38000) and MD32450 are the commissioner's",
     most_points: None,
     is_stepped: false,
-    writer: Writer::Approaches(write),
+    writer: Writer::Positions(write),
 };
 
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
-    let units = "mm; values are actual - indicated of approaches in + (the controller adds them to the actual position, so a \
-                 positive value moves the axis in the negative direction); positioning errors of each axis by itself, nothing \
-                 else of the model";
-    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
+    let units = format!(
+        "mm; values are actual - indicated of approaches in + (the controller adds them to the actual position, so a positive value moves the \
+         axis in the negative direction); {}",
+        about.positions_words()
+    );
+    let unknown = about.unknown(&FORMAT)?;
+    let mut lines = about.lines(&FORMAT, &units, &missed_words(errors));
+    lines.extend(about.tip_lines(errors, &unknown));
     lines.push(REFERENCE_POINT.to_owned());
     let mut text = commented(&lines, ";");
-    let unknown = about.unknown(&FORMAT)?;
     for (number, axis) in (1..).zip(&errors.axes) {
         match unknown.contains(&axis.axis) {
             true => text.push_str(&commented(&[no_table_words(axis.axis)], ";")),

@@ -8,6 +8,7 @@
 //! Factors that do not make the error smaller are refused, and what is left is that of the factors as they are written, applied as the
 //! firmware applies them.
 
+use super::volume::grid_m;
 use super::{About, Format, fixed, geometric_error_m, of_places, refused};
 use crate::error::FileError;
 use abbe_geometry::Vector3;
@@ -46,7 +47,7 @@ pub(super) fn skew(
         return Err(refused(format, problem, remedy));
     }
     let measured_m = measured_m(format, about)?;
-    let places_m = grid_m(&measured_m);
+    let places_m = grid_m(&measured_m, NODES);
     let effects = of_places(&about.model);
     let error_m = |place_m: Vector3<f64>| geometric_error_m(&about.model, &effects, place_m.into(), offset_m);
     let before_m: Vec<Vector3<f64>> = places_m.iter().map(|place_m| error_m(*place_m)).collect();
@@ -99,16 +100,6 @@ fn measured_m(format: &Format, about: &About) -> Result<[(f64, f64); 3], FileErr
         }
         None => Ok(measured_m),
     }
-}
-
-/// The nodes of a regular grid over this volume (m).
-fn grid_m(volume_m: &[(f64, f64); 3]) -> Vec<Vector3<f64>> {
-    let at = |axis: usize, k: usize| {
-        let (lower_m, upper_m) = volume_m[axis];
-        lower_m + (upper_m - lower_m) * k as f64 / (NODES - 1) as f64
-    };
-    let place = |k: usize| Vector3::new(at(0, k % NODES), at(1, k / NODES % NODES), at(2, k / NODES / NODES));
-    (0..NODES.pow(3)).map(place).collect()
 }
 
 /// Slope of a component of the error by a coordinate, by least squares.
