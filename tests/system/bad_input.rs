@@ -321,3 +321,36 @@ fn launch_files_that_make_no_graph_are_refused_by_key() {
     refused(&bench, &["launch", &file], &["node geometric", "none.json", "No such file"]);
     refused(&bench, &["launch", &bench.text("none.toml")], &["none.toml", "No such file", "check the path"]);
 }
+
+#[test]
+fn regress_a_file_of_no_or_one_row_is_not_taken_for_a_plate() {
+    let bench = Bench::simulated(5);
+    let (machine, out) = (text(&machine()), bench.text("refused.json"));
+    let rows = bench.read("verify.csv");
+    for (count, said) in
+        [(0, "the file holds a header but no row"), (1, "the file holds 1 row;"), (3, "the file holds 3 rows;")]
+    {
+        let few: String = rows.lines().take(1 + count).map(|line| format!("{line}\n")).collect();
+        let few = bench.write("few.csv", few);
+        let fit = ["fit-points", "--machine", &machine, "--points", &few, "--u-um", "0.05", "--out", &out];
+        refused(&bench, &fit, &["few.csv", said]);
+    }
+}
+
+#[test]
+fn regress_copies_of_rows_are_refused_wherever_points_count() {
+    let bench = Bench::identified(5);
+    let (model, out) = (bench.text("model.json"), bench.text("refused.csv"));
+    let rows = bench.read("verify.csv");
+    // Rows 2 to 11 once more, at the end.
+    let again: String = rows.lines().skip(1).take(10).map(|line| format!("{line}\n")).collect();
+    let last = rows.lines().count() + 1;
+    let points = bench.write("copied.csv", rows.clone() + &again);
+    let said = format!("copied.csv, line {last}: the row repeats line 2 to the last digit");
+    for arguments in [
+        vec!["verify", "--model", &model, "--points", &points],
+        vec!["residuals", "--model", &model, "--campaign", &points, "--out", &out],
+    ] {
+        refused(&bench, &arguments, &[&said, "remove it"]);
+    }
+}

@@ -346,3 +346,27 @@ fn regress_a_table_of_noise_is_not_given() {
         serde_json::from_str(&fs::read_to_string(folder.path().join("good/probe_pose.json")).unwrap()).unwrap();
     assert!(json["table_withheld"].is_null() && json["table"].as_array().unwrap().len() == 5);
 }
+
+/// A table with each of these columns divided by a thousand.
+fn in_metres(table: &str, columns: &[usize]) -> String {
+    let row = |line: &str| {
+        let scaled = |(k, cell): (usize, &str)| match (columns.contains(&k), cell.parse::<f64>()) {
+            (true, Ok(value)) => format!("{}", value / 1e3),
+            _ => cell.to_owned(),
+        };
+        line.split(',').enumerate().map(scaled).collect::<Vec<_>>().join(",") + "\n"
+    };
+    table.lines().filter(|line| !line.starts_with('#')).map(row).collect()
+}
+
+#[test]
+fn regress_metres_under_the_name_of_millimetres_are_refused() {
+    let (_folder, path) = file(&in_metres(&sphere(), &[0, 1, 2]));
+    assert_says(&run(["sphere", "--points", &path]).refused(), &["data.csv", "0.015000 mm", "check the unit"]);
+    let all = fs::read_to_string(centres()).unwrap();
+    let (_folder, path) = file(&in_metres(&all, &[2, 3, 4, 5]));
+    assert_says(
+        &run(["probe-pose", "--centres", &path]).refused(),
+        &["data.csv", "mm from the A axis", "check the unit"],
+    );
+}

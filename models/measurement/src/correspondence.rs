@@ -8,6 +8,7 @@
 use crate::alignment::{AlignmentError, RigidAlignment};
 use crate::robust::median;
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Distance (m) between measured and nominal point after alignment that no machine worth correcting has.
@@ -48,6 +49,17 @@ impl Pair {
     fn nominal_m(&self) -> Vector3<f64> {
         Vector3::from(self.reading_m) + Vector3::from(self.offset_m)
     }
+}
+
+/// The first pair that is a copy of an earlier one to the last digit, with that: places in the list, the earlier first. Readings repeated on
+/// the machine differ by its noise.
+pub fn copied(pairs: impl IntoIterator<Item = Pair>) -> Option<(usize, usize)> {
+    let mut seen = BTreeMap::new();
+    pairs.into_iter().enumerate().find_map(|(k, pair)| {
+        let numbers = pair.reading_m.iter().chain(&pair.offset_m).chain(pair.actual_m.iter());
+        let bits: Vec<u64> = numbers.map(|v| v.to_bits()).collect();
+        seen.insert(bits, k).map(|first| (first, k))
+    })
 }
 
 /// Why measured positions do not belong to the readings.

@@ -14,7 +14,7 @@ use abbe_geometry::effects::State;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_measurement::correspondence::{self, Pair};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use std::io::Read;
 
 /// One verification point with its errors (m, actual − position, aligned).
@@ -76,6 +76,13 @@ pub(crate) fn correct_points(
         Some(Pair { reading_m: row.reading_m, offset_m: row.offset_m, actual_m })
     };
     let pairs: Vec<Pair> = points.rows.iter().filter_map(pair).collect();
+    if let Some((first, second)) = correspondence::copied(pairs.iter().copied()) {
+        let [first, second] = [first, second].map(|k| points.rows[k].line());
+        bail!(
+            "{name}, line {second}: the row repeats line {first} to the last digit, and would count twice; a copy is no second measurement: \
+             remove it (readings repeated on the machine differ by its noise)"
+        );
+    }
     correspondence::check_all(&pairs).with_context(|| format!("{name} (points count from 1)"))?;
     Ok(points)
 }

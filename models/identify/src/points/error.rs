@@ -10,8 +10,7 @@ use crate::plausibility::{BeyondStroke, beyond_stroke};
 use abbe_geometry::machine::{Machine, MachineError};
 use abbe_geometry::model::ModelError;
 use abbe_measurement::alignment::AlignmentError;
-use abbe_measurement::correspondence::{CorrespondenceError, Pair, check_shape};
-use std::collections::BTreeMap;
+use abbe_measurement::correspondence::{CorrespondenceError, Pair, check_shape, copied};
 use thiserror::Error;
 
 /// Why a fit was refused or failed.
@@ -141,7 +140,6 @@ fn undetermined_text(groups: &[Unobservable], rank: usize, unknowns: usize) -> S
 
 /// Refuses points that are no measurement inside this machine.
 pub(super) fn check(machine: &Machine, points: &[MeasuredPoint]) -> Result<(), PointsError> {
-    let mut seen = BTreeMap::new();
     for (k, point) in points.iter().enumerate() {
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         let checks = [
@@ -156,13 +154,15 @@ pub(super) fn check(machine: &Machine, points: &[MeasuredPoint]) -> Result<(), P
             return Err(PointsError::Uncertainty { point: k + 1, u_m: point.u_m });
         }
         check_stroke(machine, k, point)?;
-        let numbers = point.reading_m.iter().chain(&point.offset_m).chain(point.actual_m.iter());
-        let bits: Vec<u64> = numbers.map(|v| v.to_bits()).collect();
-        if let Some(first) = seen.insert(bits, k) {
-            return Err(PointsError::Duplicate { first: first + 1, second: k + 1 });
-        }
     }
-    Ok(())
+    match copied(points.iter().map(pair)) {
+        Some((first, second)) => Err(PointsError::Duplicate { first: first + 1, second: second + 1 }),
+        None => Ok(()),
+    }
+}
+
+fn pair(point: &MeasuredPoint) -> Pair {
+    Pair { reading_m: point.reading_m, offset_m: point.offset_m, actual_m: point.actual_m }
 }
 
 fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<(), PointsError> {
@@ -181,7 +181,6 @@ fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<()
 
 /// Refuses positions whose shape is not that of the nominal points.
 pub(super) fn check_positions(points: &[MeasuredPoint]) -> Result<(), PointsError> {
-    let pair = |p: &MeasuredPoint| Pair { reading_m: p.reading_m, offset_m: p.offset_m, actual_m: p.actual_m };
     Ok(check_shape(&points.iter().map(pair).collect::<Vec<_>>())?)
 }
 

@@ -11,6 +11,9 @@ const BETTER: f64 = 20.0;
 /// Residual (rms) over the lever from the A axis to the beam's end that no head has: the worst published is a fifth of it.
 const NO_HEAD: f64 = 0.02;
 
+/// Levers from the A axis to the beam's end that heads have (m): beyond, metres or micrometres were written for millimetres.
+const LEVER_M: std::ops::RangeInclusive<f64> = 5e-3..=10.0;
+
 pub(super) fn centres(centres: &[SphereCentre]) -> Result<(), ProbePoseError> {
     for (k, centre) in centres.iter().enumerate() {
         let [x, y, z] = centre.centre_m;
@@ -49,12 +52,23 @@ pub(super) fn readings(centres: &[SphereCentre], pose: &ProbePose) -> Result<(),
             better.into_iter().filter(|(_, other)| *other > ratio / BETTER).map(|(mistake, _)| mistake).collect();
         return Err(ProbePoseError::Misread { mistakes, ratio });
     }
-    let distance_m = centres.iter().map(|centre| centre.distance_m.abs()).fold(0.0, f64::max);
-    let lever_m = pose.zero_m.norm() + distance_m * pose.direction.norm();
+    let lever_m = lever_m(centres, pose);
     match pose.rms_m() > NO_HEAD * lever_m {
         true => Err(ProbePoseError::NoHead { rms_mm: pose.rms_m() * 1e3, lever_mm: lever_m * 1e3 }),
         false => Ok(()),
     }
+}
+
+/// From the A axis to the beam's end at the largest distance.
+fn lever_m(centres: &[SphereCentre], pose: &ProbePose) -> f64 {
+    let distance_m = centres.iter().map(|centre| centre.distance_m.abs()).fold(0.0, f64::max);
+    pose.zero_m.norm() + distance_m * pose.direction.norm()
+}
+
+/// Refuses a head of a size that none has: the fit itself is the same in any unit.
+pub(super) fn size(centres: &[SphereCentre], pose: &ProbePose) -> Result<(), ProbePoseError> {
+    let lever_m = lever_m(centres, pose);
+    if LEVER_M.contains(&lever_m) { Ok(()) } else { Err(ProbePoseError::Size { lever_mm: lever_m * 1e3 }) }
 }
 
 type Mended = fn(&SphereCentre) -> SphereCentre;

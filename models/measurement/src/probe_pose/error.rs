@@ -47,6 +47,14 @@ pub enum ProbePoseError {
         /// Length from the A axis to the beam's end (mm).
         lever_mm: f64,
     },
+    /// A head of a size that none has.
+    #[error(
+        "the beam's end is {lever_mm:.6} mm from the A axis, as at no head; check the unit: d_mm, x_mm, y_mm and z_mm are millimetres"
+    )]
+    Size {
+        /// Length from the A axis to the beam's end (mm).
+        lever_mm: f64,
+    },
     /// A beam whose length is not near one.
     #[error(
         "the probe's reading moves the point by {length:.4} of what it reads; it must be near 1: check the unit and sign of the \

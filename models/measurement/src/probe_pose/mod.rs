@@ -120,6 +120,7 @@ impl ProbePose {
         let pose = solve::fit(centres, model)?;
         check::readings(centres, &pose)?;
         check::beam(&pose)?;
+        check::size(centres, &pose)?;
         Ok(pose)
     }
 

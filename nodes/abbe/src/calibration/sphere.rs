@@ -9,7 +9,7 @@ use abbe_geometry::Vector3;
 use abbe_identify::verdict::Counted;
 use abbe_measurement::sphere::{SphereFit, SphereRadius};
 use abbe_report::digits;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::fs::File;
@@ -17,6 +17,8 @@ use std::path::Path;
 
 /// Condition from which the terminal says that a small cap was measured: half angles below about 0.2 rad.
 const SMALL_CAP: f64 = 30.0;
+/// Radii of spheres that somebody measures (m): beyond, metres or micrometres were written for millimetres.
+const PLAUSIBLE_RADIUS_M: std::ops::RangeInclusive<f64> = 1e-4..=1.0;
 
 /// Points (m) and their lines; columns beside x_mm, y_mm and z_mm play no part.
 fn read(path: &Path) -> anyhow::Result<(Vec<Vector3<f64>>, Vec<u64>)> {
@@ -41,6 +43,13 @@ pub(crate) fn product(
     let (points_m, lines) = read(path)?;
     let (fit, strays) =
         SphereFit::without_strays(&points_m, radius, u_point_m).with_context(|| path.display().to_string())?;
+    ensure!(
+        PLAUSIBLE_RADIUS_M.contains(&fit.radius_m),
+        "{}: the sphere has a radius of {:.6} mm, as no sphere that is measured; check the unit: x_mm, y_mm, z_mm{} are millimetres",
+        path.display(),
+        fit.radius_m * 1e3,
+        if matches!(radius, SphereRadius::Known { .. }) { " and --radius-mm" } else { "" }
+    );
     let rejected: Vec<(u64, f64)> = strays.iter().map(|stray| (lines[stray.point], stray.off_m * 1e3)).collect();
     let chi2_per_dof =
         u_point_m.zip(fit.scatter_m).map(|(u_m, scatter_m)| ((scatter_m / u_m).powi(2), fit.degrees_of_freedom));

@@ -32,6 +32,8 @@ const U_COLUMN: &str = "u_actual_um";
 const POSE_COLUMN: &str = "pose";
 /// Extent of the readings of a pose across its plane, over the largest, up to which they are those of a plate.
 const FLAT: f64 = 0.01;
+/// Rows below which nothing is told of plates and volumes: three points show no more than where a plate lies.
+const FEWEST: usize = 4;
 /// Degrees that are compared where none is asked for.
 const DEGREES: std::ops::RangeInclusive<usize> = 1..=8;
 
@@ -274,11 +276,24 @@ fn read_points(path: &Path, machine: &MachineFile, u_um: Option<f64>) -> anyhow:
         poses.extend(reader.text(&row, POSE_COLUMN)?);
         points.push(MeasuredPoint { reading_m, offset_m, actual_m, u_m: u_um * 1e-6 });
     }
+    check_count(points.len(), &name)?;
     let file = path.file_name().map_or_else(|| name.clone(), |n| n.to_string_lossy().into_owned());
     let is_plate = lacks.is_some() || !poses.is_empty() || moved(&points).contains(&false);
     poses.resize(points.len(), String::new());
     let plates = is_plate.then(|| Plates::new(&poses, lacks)).transpose().with_context(|| name.clone())?;
     Ok(Read { points, plates, source: DataSource { file, sha256: hex(&reader.sha256()) } })
+}
+
+/// Refuses a file of so few rows that plate and volume look alike.
+fn check_count(rows: usize, name: &str) -> anyhow::Result<()> {
+    ensure!(rows > 0, "{name}: the file holds a header but no row; give one row for each point");
+    ensure!(
+        rows >= FEWEST,
+        "{name}: the file holds {rows} row{}; no machine is told from fewer than {FEWEST}: measure the points of a plate, or points that fill \
+         the volume",
+        if rows == 1 { "" } else { "s" }
+    );
+    Ok(())
 }
 
 /// Axes along which the readings differ by more than a plate does across its plane.

@@ -119,7 +119,7 @@ fn map(answer: &Answer) -> Section {
     let planes = (0..PLANES).map(|k| k * (answer.steps - 1) / (PLANES - 1));
     Section::CellMap(CellMap {
         title: "Volumetric error in planes of Z".to_owned(),
-        note: Some("The largest length of the error vector in each cell; all points are in map.csv.".to_owned()),
+        note: Some("The largest length of the error vector in each cell, in µm; all points are in map.csv.".to_owned()),
         value: Axis::new("largest error", "µm"),
         is_uncertainty: false,
         columns: PLANES,
