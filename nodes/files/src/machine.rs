@@ -9,7 +9,7 @@ use crate::machine_document::{
     AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, MachineDocument, MachineRecord, SquarenessText,
 };
 use crate::names::nearest;
-use crate::toml_place::{key_at, line_at, line_of};
+use crate::toml_place::{key_at, line_at, line_of, no_value};
 use crate::units::{micrometres_from_m, millimetres_from_m};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness, USUAL_RAM_TURN_RAD};
@@ -74,6 +74,9 @@ pub(crate) fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileErr
     if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
         place.line = Some(line_at(text, span.start));
         place.item = key_at(text, span.start).map(|key| format!("key {key}"));
+    }
+    if let Some((problem, remedy)) = no_value(text, error) {
+        return FileError::content(place, problem, format!("{remedy}; {SEE_EXAMPLES}"));
     }
     let remedy = if message.contains("unknown field") {
         "correct the spelling or remove the key"

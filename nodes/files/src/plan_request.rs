@@ -6,7 +6,7 @@
 
 use crate::campaign_csv::KNOWN;
 use crate::error::{FileError, Place};
-use crate::toml_place::{key_at, line_at, line_of};
+use crate::toml_place::{key_at, line_at, line_of, no_value};
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer, Wish};
 use serde::Deserialize;
@@ -323,6 +323,9 @@ fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
     if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
         place.line = Some(line_at(text, span.start));
         place.item = key_at(text, span.start).map(|key| format!("key {key}"));
+    }
+    if let Some((problem, remedy)) = no_value(text, error) {
+        return FileError::content(place, problem, format!("{remedy}; {SEE}"));
     }
     let remedy = if message.contains("unknown field") {
         "correct the spelling or remove the key"

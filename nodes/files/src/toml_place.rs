@@ -5,6 +5,19 @@
 
 use toml::de::{DeTable, DeValue};
 
+/// How the parser begins to say that a value is none.
+const NO_VALUE: [&str; 7] = [
+    "invalid float",
+    "invalid integer number",
+    "invalid mantissa",
+    "invalid fraction",
+    "invalid exponent",
+    "invalid boolean",
+    "string values must be quoted",
+];
+const NO_VALUE_REMEDY: &str =
+    "write a number with a decimal point and no unit, such as 0.25, or put the text in quotation marks";
+
 /// Line (from 1) of a byte position.
 pub(crate) fn line_at(text: &str, byte: usize) -> u64 {
     1 + text.bytes().take(byte).filter(|b| *b == b'\n').count() as u64
@@ -41,4 +54,22 @@ pub(crate) fn key_at(text: &str, byte: usize) -> Option<String> {
     let (key, _) = line.split_once('=')?;
     let key = key.trim();
     (!key.is_empty() && !key.starts_with('#')).then(|| key.to_owned())
+}
+
+/// What begins like a number or a word and is no value of TOML, in words with the remedy: the parser names what the first letter made it
+/// expect (`nan` for `none`), which helps nobody.
+pub(crate) fn no_value(text: &str, error: &toml::de::Error) -> Option<(String, &'static str)> {
+    let message = error.message();
+    let begins = |start: &&&str| message.trim_start().starts_with(**start);
+    NO_VALUE.iter().find(begins)?;
+    let written = value_at(text, error.span()?.start)?;
+    Some((format!("`{written}` is neither a number nor a text in quotation marks"), NO_VALUE_REMEDY))
+}
+
+/// What stands between the signs of TOML around a byte position.
+fn value_at(text: &str, byte: usize) -> Option<&str> {
+    let start = text.get(..byte)?.rfind(['=', ',', '[', '{', '\n']).map_or(0, |sign| sign + 1);
+    let rest = text.get(start..)?;
+    let written = rest.get(..rest.find([',', ']', '}', '#', '\n']).unwrap_or(rest.len()))?.trim();
+    (!written.is_empty()).then_some(written)
 }

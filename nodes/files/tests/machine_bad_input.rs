@@ -185,3 +185,15 @@ fn figures_that_are_no_uncertainty() {
     refused("repeatability_um = [0.25, 0.25, 0.25]", "repeatability_um = [0.25, 0.25]", &["key repeatability_um"]);
     refused("name = \"bridge_xyz\"", "name = \"bridge xyz\"", &["key name", "blanks"]);
 }
+
+#[test]
+fn regress_a_bad_number_says_that_a_number_is_wanted() {
+    let says = |to: &str, written: &str, key: &str| {
+        let problem = format!("`{written}` is neither a number nor a text in quotation marks");
+        refused("u_k2_constant_um = 0.05", to, &[key, &problem, "write a number", "such as 0.25"]);
+    };
+    for bad in ["none", "n.a.", "0.05um", "0.0.5", "1e", "about 0.05"] {
+        says(&format!("u_k2_constant_um = {bad}  # of its certificate"), bad, "key u_k2_constant_um");
+    }
+    refused("X = [0.0, 800.0]", "X = [0.0, none]", &["key X", "`none` is neither a number", "write a number"]);
+}
