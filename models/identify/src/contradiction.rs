@@ -10,6 +10,7 @@ use crate::mistake::Mistake;
 use crate::robust::median;
 use crate::station_start::{PointAndLength, StationStart, residual_m, start};
 use crate::verdict::{Seen, find_step};
+use crate::zeros::{self, Line, Zeros};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::subset::spread;
@@ -20,6 +21,8 @@ const CONTRADICTION_M: f64 = 2e-3;
 const ROUNDS: usize = 6;
 /// Readings of a line that are looked at: enough for its median.
 const LINE_READINGS: usize = 25;
+/// Readings of a line that are looked at for a new zero: enough to say between which two it lies.
+const ZERO_READINGS: usize = 200;
 /// Groups of lines with one offset that a station is tentatively placed from.
 const OFFSET_GROUPS: usize = 8;
 /// What a machine leaves before it is corrected (m): with it, readings that a step explains are told from those it does not.
@@ -73,6 +76,13 @@ pub(crate) fn without_some_lines(campaign: &Campaign, indices: &[usize], absolut
         let station = start(&points, absolute).ok()?;
         kept.iter().all(|line| suspects.median_m(line, &station, None) <= CONTRADICTION_M).then_some(station)
     })
+}
+
+/// Where the lengths of a station begin anew, if that explains why it cannot be placed, in words.
+pub(crate) fn of_new_zeros(campaign: &Campaign, indices: &[usize], absolute: bool) -> Option<String> {
+    let lines = indices.chunk_by(|a, b| campaign.readings[*a].line == campaign.readings[*b].line).collect();
+    let suspects = Suspects { campaign, placed: &[], lines, absolute };
+    suspects.new_zeros(zeros::one_change).or_else(|| suspects.new_zeros(zeros::each_line))
 }
 
 /// Refuses the station when one of its lines contradicts the others.
@@ -164,7 +174,20 @@ impl Suspects<'_> {
             format!("it agrees {}{}", mistake.text(self.campaign), self.others(&named(mended), line))
         };
         let mut likely: Vec<String> = explained.iter().map(words).collect();
+        // The station as it was placed is led astray by a zero that changed, and the step then looks like a motion, or like none.
+        let placed = |problem| IdentifyError::Station { station: self.campaign.stations[station].clone(), problem };
+        if likely.is_empty()
+            && let Some(problem) = self.new_zeros(zeros::one_change)
+        {
+            return placed(problem);
+        }
         likely.extend(self.step(station));
+        // Zeros of single lines take up much of a motion, which goes first.
+        if likely.is_empty()
+            && let Some(problem) = self.new_zeros(zeros::each_line)
+        {
+            return placed(problem);
+        }
         if likely.is_empty() {
             let all = "check its station name, its offsets, the order and unit of x, y, z and of the lengths, the sense of each axis, \
                        and whether the beam was lost or the tracer moved";
@@ -227,6 +250,48 @@ impl Suspects<'_> {
             time_s(after),
             after + 1
         ))
+    }
+
+    /// Where the lengths begin anew, in words; `None` where that explains nothing.
+    fn new_zeros(&self, find: fn(&[Line]) -> Option<Zeros>) -> Option<String> {
+        let mut lines = self.lines.clone();
+        let time_s = |line: &[usize]| self.campaign.readings[line[0]].time_s;
+        lines.sort_by(|a, b| time_s(a).total_cmp(&time_s(b)).then(a[0].cmp(&b[0])));
+        let sampled = |line: &&[usize]| -> Vec<usize> {
+            spread(line.len(), ZERO_READINGS).into_iter().map(|place| line[place]).collect()
+        };
+        let places: Vec<Vec<usize>> = lines.iter().map(sampled).collect();
+        let of = |places: &Vec<usize>| -> Line { places.iter().map(|k| point(&self.campaign.readings[*k])).collect() };
+        let found = find(&places.iter().map(of).collect::<Vec<Line>>())?;
+        Some(self.zeros_in_words(&found, &places.concat()))
+    }
+
+    /// What begins anew where, and what to do about it; `places` are the readings that were looked at.
+    fn zeros_in_words(&self, zeros: &Zeros, places: &[usize]) -> String {
+        let line = |place: usize| &self.campaign.lines[self.campaign.readings[place].line as usize];
+        if let ([begin], [shift_m]) = (zeros.begin.as_slice(), zeros.shifts_m.as_slice()) {
+            let (before, after) = (places[begin - 1], places[*begin]);
+            return format!(
+                "its lengths begin anew between readings {} and {} (lines {} and {}), and shift by about {:.3} mm: the beam was \
+                 interrupted, or the tracer was set to zero again; give the station's readings from reading {} on a station name of their own",
+                before + 1,
+                after + 1,
+                line(before),
+                line(after),
+                shift_m * 1e3,
+                after + 1
+            );
+        }
+        let named: Vec<String> = zeros.begin.iter().take(NAMED_LINES).map(|k| line(places[*k]).clone()).collect();
+        let more = if zeros.begin.len() > NAMED_LINES { " …" } else { "" };
+        format!(
+            "its lengths begin anew at {} of its {} lines ({}{more}): the tracer was set to zero there, and all lengths of a station must \
+             count from one zero. Add to the lengths of each line what the tracer showed before it was set to zero, or measure them again \
+             without setting it to zero; a station name for each line is no way out, since one line cannot place a station",
+            zeros.begin.len(),
+            self.lines.len(),
+            named.join(", "),
+        )
     }
 
     /// `; so do 5 more lines (S1-03, S1-07 …)`.

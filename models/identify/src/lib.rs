@@ -93,6 +93,7 @@ mod term;
 mod unexplained;
 mod unseen_expansion;
 pub mod verdict;
+mod zeros;
 
 pub use abbe_geometry::effects::TIME;
 pub use abbe_measurement::{robust, station_start};

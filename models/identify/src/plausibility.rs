@@ -91,8 +91,14 @@ pub(crate) fn place_stations(campaign: &Campaign, absolute: bool) -> Result<Vec<
             if let Some(station) = contradiction::without_some_lines(campaign, indices, absolute) {
                 return Ok(station);
             }
-            let likely = contradiction::of_whole_station(campaign, indices, absolute);
-            let problem = std::iter::once(error.to_string()).chain(likely).collect::<Vec<_>>().join("; or ");
+            let mut likely = contradiction::of_whole_station(campaign, indices, absolute);
+            if likely.is_empty()
+                && let Some(problem) = contradiction::of_new_zeros(campaign, indices, absolute)
+            {
+                return Err(IdentifyError::Station { station: name.clone(), problem });
+            }
+            likely.insert(0, error.to_string());
+            let problem = likely.join("; or ");
             Err(IdentifyError::Station { station: name.clone(), problem })
         })
     };

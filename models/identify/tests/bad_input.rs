@@ -155,6 +155,37 @@ fn a_lost_beam_is_named_without_a_wrong_explanation() {
     contradiction(&error, case.campaign(), &[line], "whether the beam was lost");
 }
 
+/// Half of such campaigns could not be placed, the others blamed one line; of a zero nothing was said.
+#[test]
+fn regress_a_tracer_set_to_zero_at_each_line_is_named() {
+    let case = case();
+    let mut firsts = std::collections::BTreeMap::new();
+    case.campaign().readings.iter().for_each(|r| {
+        firsts.entry((r.station, r.line)).or_insert(r.length_m);
+    });
+    let error = error_with(&case, |_, r| r.length_m -= firsts[&(r.station, r.line)]);
+    let text = error.to_string();
+    assert!(text.contains("station S1: its lengths begin anew at ") && text.contains("set to zero"), "{text}");
+    assert!(text.contains("a station name for each line is no way out"), "{text}");
+}
+
+/// The last line before was blamed, with its offsets and its station name.
+#[test]
+fn regress_a_tracer_set_to_zero_once_is_named_with_its_reading() {
+    let case = case();
+    for (station, share) in [(1, 0.5), (2, 0.4), (3, 0.65)] {
+        let own = places(case.campaign(), station);
+        let at = own[(share * own.len() as f64) as usize];
+        let shown_m = case.campaign().readings[at].length_m;
+        let mut campaign = case.campaign().clone();
+        let after = campaign.readings.iter_mut().enumerate().filter(|(k, r)| *k >= at && r.station == station);
+        after.for_each(|(_, r)| r.length_m -= shown_m);
+        let text = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err().to_string();
+        let between = format!("its lengths begin anew between readings {at} and {}", at + 1);
+        assert!(text.contains(&between) && text.contains("set to zero again"), "{text}");
+    }
+}
+
 #[test]
 fn numbers_that_are_none_are_named_by_row_and_quantity() {
     let case = case();
