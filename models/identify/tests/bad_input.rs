@@ -406,6 +406,33 @@ fn regress_one_bad_line_and_one_bad_offset_are_named() {
     assert!(rejected(&verdict).causes.iter().any(|cause| matches!(cause, Cause::Offset { .. } | Cause::Lacks)));
 }
 
+/// A fit that takes up a part of a motion rejects some of the lines after it; these were told one by one, with a collision as their cause.
+#[test]
+fn regress_lines_on_one_side_of_an_instant_are_told_as_a_station_that_moved() {
+    let case = case();
+    let own = places(case.campaign(), 1);
+    let mut lines: Vec<u32> = own.iter().map(|place| case.campaign().readings[*place].line).collect();
+    lines.dedup();
+    let from = lines.len() - 6;
+    // The first, second, fourth and sixth of the last six lines: what is left of a motion in those that see it most.
+    let off: Vec<u32> = [0, 1, 3, 5].iter().map(|k| lines[from + k]).collect();
+    let (_, verdict, campaign) = judged(&case, |(k, r)| {
+        if off.contains(&r.line) {
+            r.length_m += if k.is_multiple_of(2) { 60e-6 } else { -50e-6 };
+        }
+    });
+    let found = rejected(&verdict);
+    let [Cause::OneSide { station, lines: named, is_after: true, suspects: (4, 4), .. }, Cause::Lines { .. }] =
+        found.causes.as_slice()
+    else {
+        panic!("{found}")
+    };
+    let name = |line: u32| campaign.lines[line as usize].as_str();
+    assert_eq!((station.as_str(), named.0.as_str()), ("S2", name(lines[from - 1])));
+    assert_eq!(named.1, name(lines[from]));
+    assert!(found.to_string().contains("Likely: station S2 moved, or its zero changed, at about"), "{found}");
+}
+
 /// Second and third offset of a campaign wrong by 0.1 mm: the refusal spoke of uncertainties and of effects alone.
 #[test]
 fn regress_a_misfit_where_there_are_several_offsets_names_them() {

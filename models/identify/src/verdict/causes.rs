@@ -15,6 +15,11 @@ const MOSTLY: f64 = 0.5;
 const NEARLY_ALL: f64 = 0.8;
 /// Lines that are suspected at most: more are no matter of single lines.
 const MOST_LINES: usize = 8;
+/// Suspect lines of a station that one side of an instant must hold before the station is said to have moved there: of two, the half of all
+/// pairs lies on one side.
+const FEWEST_LINES: usize = 3;
+/// Lines of the station on the other side, none of them suspect, at least.
+const FEWEST_BESIDE: usize = 2;
 /// Rejected readings below which there is nothing to group.
 const FEWEST: usize = 6;
 /// Range of the 90 % point of the residual, in steps of a column, in which rounding to the step explains it: three rounded
@@ -40,6 +45,21 @@ pub enum Cause {
         dead_path_m: f64,
         /// Rejected readings that it explains.
         explains: usize,
+    },
+    /// The suspect lines of a station lie on one side of an instant.
+    OneSide {
+        /// Name of the station.
+        station: String,
+        /// Lines of the last reading before and the first after.
+        lines: (String, String),
+        /// Their numbers, from 1.
+        readings: (usize, usize),
+        /// Their times (s).
+        times_s: (f64, f64),
+        /// Suspect lines of this station, and of all.
+        suspects: (usize, usize),
+        /// Whether they are those after it.
+        is_after: bool,
     },
     /// Nearly all rejected readings belong to these lines.
     Lines {
@@ -155,6 +175,8 @@ impl Residuals<'_> {
             return causes;
         }
         let lines = self.lines(rejected);
+        let has_step = |station: usize| steps.iter().any(|(own, _)| *own == station);
+        causes.extend(if lines.is_empty() { None } else { self.one_side(has_step) });
         let groups = if lines.is_empty() { self.offset(rejected).or_else(|| self.station(rejected)) } else { None };
         causes.extend((!lines.is_empty()).then_some(Cause::Lines { lines }));
         causes.extend(groups);
@@ -255,6 +277,60 @@ impl Residuals<'_> {
         suspects.into_iter().map(named).collect()
     }
 
+    /// The instant on one side of which the suspect lines lie, where most are of one station that has no step: a motion that the fit has
+    /// taken up in part rejects some lines on the smaller side, and looks like trouble of theirs.
+    fn one_side(&self, has_step: impl Fn(usize) -> bool) -> Option<Cause> {
+        let counts = self.by(|reading| (reading.station, reading.line));
+        let suspect = |station: u32| {
+            let own = counts.iter().filter(move |((own, _), _)| *own == station);
+            own.filter(|(_, counts)| is_suspect(**counts)).count()
+        };
+        let all = counts.values().filter(|counts| is_suspect(**counts)).count();
+        let stations = (0..self.campaign.stations.len() as u32).filter(|station| !has_step(*station as usize));
+        let (own, station) = stations.map(|station| (suspect(station), station)).max()?;
+        if own < FEWEST_LINES || 2 * own <= all {
+            return None;
+        }
+        let lines = self.in_time(station);
+        let is_bad: Vec<bool> =
+            lines.iter().map(|line| counts.get(&(station, line.line)).is_some_and(|c| is_suspect(*c))).collect();
+        let (first, last) = (is_bad.iter().position(|is| *is)?, is_bad.iter().rposition(|is| *is)?);
+        let beside = lines.len() - last - 1;
+        // Of the lines on the side of the suspects half are suspect, or it is not the side that they have in common.
+        let (at, is_after) = match (2 * own >= lines.len() - first, 2 * own > last) {
+            (true, _) if first >= FEWEST_BESIDE => (first, true),
+            (_, true) if beside >= FEWEST_BESIDE => (last + 1, false),
+            _ => return None,
+        };
+        let (before, after) = (&lines[at - 1], &lines[at]);
+        let name = |line: &InTime| self.campaign.lines[line.line as usize].clone();
+        let time_s = |place: usize| self.campaign.readings[place].time_s;
+        Some(Cause::OneSide {
+            station: self.campaign.stations[station as usize].clone(),
+            lines: (name(before), name(after)),
+            readings: (before.last + 1, after.first + 1),
+            times_s: (time_s(before.last), time_s(after.first)),
+            suspects: (own, all),
+            is_after,
+        })
+    }
+
+    /// The lines of a station in the order of time.
+    fn in_time(&self, station: u32) -> Vec<InTime> {
+        let mut places: Vec<usize> = (0..self.campaign.readings.len()).collect();
+        places.retain(|place| self.campaign.readings[*place].station == station);
+        places.sort_by(|a, b| self.campaign.readings[*a].time_s.total_cmp(&self.campaign.readings[*b].time_s));
+        let mut lines: Vec<InTime> = Vec::new();
+        for place in places {
+            let line = self.campaign.readings[place].line;
+            match lines.iter_mut().find(|known| known.line == line) {
+                Some(known) => known.last = place,
+                None => lines.push(InTime { line, first: place, last: place }),
+            }
+        }
+        lines
+    }
+
     /// That an offset may be wrong, where there are several: with one alone, a wrong one fits as well.
     pub(super) fn offsets(&self) -> Option<Cause> {
         let count = self.by(|reading| reading.offset_m.map(|value| (value + 0.0).to_bits())).len();
@@ -276,6 +352,13 @@ impl Residuals<'_> {
         let station = self.campaign.stations[station as usize].clone();
         (own as f64 >= NEARLY_ALL * rejected as f64).then_some(Cause::Station { station, rejected: own, all })
     }
+}
+
+/// A line of a station, with its first and last reading in time.
+struct InTime {
+    line: u32,
+    first: usize,
+    last: usize,
 }
 
 fn is_suspect((rejected, all): (usize, usize)) -> bool {

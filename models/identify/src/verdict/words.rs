@@ -107,6 +107,19 @@ impl fmt::Display for Cause {
                     readings.0, readings.1, lines.0, times_s.0, lines.1, times_s.1, readings.1
                 )
             }
+            Cause::OneSide { station, lines, readings, times_s, suspects: (own, all), is_after } => write!(
+                f,
+                "station {station} moved, or its zero changed, at about {:.0} s, between lines {} and {} (readings {} and {}): of the {all} \
+                 lines with most contradictions {own} are its own, and all lie {} that; give its readings from reading {} on a station \
+                 name of their own",
+                0.5 * (times_s.0 + times_s.1),
+                lines.0,
+                lines.1,
+                readings.0,
+                readings.1,
+                if *is_after { "after" } else { "before" },
+                readings.1
+            ),
             Cause::Lines { lines } => {
                 let named: Vec<String> = lines
                     .iter()
