@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: in the gateway, between the threads that serve and the loop that hears the node.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -31,7 +31,17 @@ type Caller = Box<dyn FnOnce(TriggerOutcome) + Send>;
 #[derive(Default)]
 struct Waiting {
     next: u64,
-    callers: BTreeMap<u64, (Instant, Caller)>,
+    callers: BTreeMap<u64, Waiter>,
+    /// Services that are being closed; nobody who calls them waits any more.
+    closing: BTreeSet<u32>,
+    /// Whether the gateway leaves.
+    is_over: bool,
+}
+
+struct Waiter {
+    service: u32,
+    since: Instant,
+    caller: Caller,
 }
 
 impl Calls {
@@ -57,9 +67,14 @@ impl Calls {
     fn hand_over(&self, service: u32, asked: Asked, caller: Caller) {
         let call = {
             let mut waiting = lock(&self.waiting);
+            if waiting.is_over || waiting.closing.contains(&service) {
+                let outcome = if waiting.is_over { silence() } else { closed() };
+                drop(waiting);
+                return caller(outcome);
+            }
             waiting.next += 1;
             let call = waiting.next;
-            waiting.callers.insert(call, (Instant::now(), caller));
+            waiting.callers.insert(call, Waiter { service, since: Instant::now(), caller });
             call
         };
         if self.channel.send(&FromGateway::Call(call, service, asked)).is_err() {
@@ -69,22 +84,96 @@ impl Calls {
 
     pub(super) fn answer(&self, call: u64, outcome: TriggerOutcome) {
         let caller = lock(&self.waiting).callers.remove(&call);
-        if let Some((_, caller)) = caller {
+        if let Some(Waiter { caller, .. }) = caller {
             caller(outcome);
         }
     }
 
-    /// Who was asked too long ago is not waited for any more.
-    pub(super) fn give_up_who_waits_too_long(&self) {
-        lock(&self.waiting).callers.retain(|_, (since, _)| since.elapsed() < ANSWER_WITHIN);
+    /// Closes a service by `close`, which waits for the service's thread. That thread may wait for an answer of the node,
+    /// which only the gateway's loop hands on, and the loop is in `close`: so whoever waits is answered first, and who
+    /// calls meanwhile at once.
+    pub(super) fn close(&self, service: u32, close: impl FnOnce()) {
+        let unanswered: Vec<Waiter> = {
+            let mut waiting = lock(&self.waiting);
+            waiting.closing.insert(service);
+            waiting.callers.extract_if(.., |_, waiter| waiter.service == service).map(|(_, waiter)| waiter).collect()
+        };
+        unanswered.into_iter().for_each(|waiter| (waiter.caller)(closed()));
+        close();
+        lock(&self.waiting).closing.remove(&service);
     }
 
-    /// Nobody is waited for any more.
-    pub(super) fn clear(&self) {
-        lock(&self.waiting).callers.clear();
+    /// Who was asked too long ago is not waited for any more.
+    pub(super) fn give_up_who_waits_too_long(&self) {
+        lock(&self.waiting).callers.retain(|_, waiter| waiter.since.elapsed() < ANSWER_WITHIN);
     }
+
+    /// Nobody is waited for any more, of those who call from now on neither: the gateway leaves.
+    pub(super) fn clear(&self) {
+        let mut waiting = lock(&self.waiting);
+        waiting.is_over = true;
+        waiting.callers.clear();
+    }
+}
+
+fn closed() -> TriggerOutcome {
+    Err("the node is being cleaned up; configure it, then call again".to_owned())
 }
 
 fn silence() -> TriggerOutcome {
     Err("the node is stopping, or does not answer".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::{Receiver, TryRecvError, channel};
+    use std::thread;
+
+    /// Longer than a loaded machine needs.
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    /// A thread that hands over one call after the other, as that of a service does while requests come: what it is
+    /// answered, and how it ends.
+    fn serving(calls: &Calls, service: u32) -> (Receiver<TriggerOutcome>, impl FnOnce() + Send + use<>) {
+        let ((said, answers), (stop, stopped)) = (channel(), channel::<()>());
+        let calls = calls.clone();
+        let serve = move || {
+            while stopped.try_recv() == Err(TryRecvError::Empty) {
+                said.send(calls.ask_and_wait(service, Asked::Trigger)).unwrap();
+            }
+        };
+        let thread = thread::spawn(serve);
+        let end = move || {
+            drop(stop);
+            thread.join().unwrap();
+        };
+        (answers, end)
+    }
+
+    #[test]
+    fn regress_a_service_with_a_call_under_way_is_closed_and_its_caller_hears_why() {
+        // Nobody reads the other end: a node that is busy with its own cleanup.
+        let (channel_of_gateway, _node) = Channel::pair().unwrap();
+        let calls = Calls::new(&Arc::new(channel_of_gateway));
+        let (answers, end) = serving(&calls, 3);
+        let (other_answers, other_end) = serving(&calls, 4);
+        while lock(&calls.waiting).callers.len() < 2 {
+            thread::yield_now();
+        }
+        let (say, closed) = channel();
+        let closing = calls.clone();
+        thread::spawn(move || {
+            closing.close(3, end);
+            say.send(()).unwrap();
+        });
+        closed.recv_timeout(PATIENCE).expect("the gateway's loop hangs");
+        let first = answers.recv().unwrap().unwrap_err();
+        assert!(first.contains("the node is being cleaned up; configure it"), "{first}");
+        assert!(other_answers.try_recv().is_err(), "the caller of another service still waits");
+        calls.clear();
+        let left = other_answers.recv_timeout(PATIENCE).expect("a caller waits for a gateway that leaves");
+        assert!(left.unwrap_err().contains("stopping"));
+        other_end();
+    }
 }

@@ -229,7 +229,7 @@ impl Gateway {
                     tracing::warn!(%error, "the node cannot be answered");
                 }
             }
-            ToGateway::Close(id) => drop(self.open.remove(&id)),
+            ToGateway::Close(id) => self.calls.close(id, || drop(self.open.remove(&id))),
             ToGateway::Report(report) => self.reports.publish(report),
             ToGateway::Log(line, stamp_ns) => self.log(line, stamp_ns),
             ToGateway::Answer(call, outcome) => self.calls.answer(call, outcome),
