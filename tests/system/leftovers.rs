@@ -419,6 +419,28 @@ fn regress_an_interrupt_from_the_terminal_loses_no_answer_that_was_under_way() {
 }
 
 #[test]
+fn regress_a_launch_that_crashed_starts_again_and_records_beside_what_there_is() {
+    let bench = Bench::identified(5);
+    long_recording(&bench, 60_000);
+    let run = RunId::unique();
+    let crashed = at_work(&bench, "line", &run);
+    let nodes: Vec<u32> = children(crashed.id()).into_iter().map(|(id, _)| id).collect();
+    signal(crashed.id(), Signal::KILL);
+    assert_eq!(crashed.finish().code, None);
+    wait_until("its nodes end", PATIENCE, || nodes.iter().all(|id| !is_running(*id)));
+    let recorded = || fs::read(bench.path("line/line_0.mcap")).unwrap();
+    let before = recorded();
+    // As the unit of systemd does: the same words once more.
+    let again = Started::start(abbe(["launch", &recorded_stream_of(&bench, "line"), "--run", run.as_str()]));
+    wait_until("it records", PATIENCE, || is_recording(&bench, "line-2"));
+    signal(again.id(), Signal::INT);
+    let said = again.finish();
+    assert_says(&said.errors, &["line exists already and stays; recording to", "line-2"]);
+    said.ok();
+    assert!(recorded() == before, "what was recorded before is touched");
+}
+
+#[test]
 fn a_node_that_cannot_start_ends_the_launch_with_its_own_words() {
     let bench = Bench::identified(5);
     let launch = LaunchText::default()

@@ -468,14 +468,6 @@ impl NodeContext {
         self.configured > 1
     }
 
-    /// A file or folder that is written anew by each life of the node: those after the first get the next free number.
-    pub(crate) fn of_this_life(&self, path: &Path) -> PathBuf {
-        let is_first = self.life == 0 && !self.is_configured_again();
-        let Some(name) = path.file_name().filter(|_| !is_first) else { return path.to_owned() };
-        let numbered = |number| path.with_file_name(format!("{}-{number}", name.to_string_lossy()));
-        (2_u32..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
-    }
-
     /// Tells the launcher, once, that the node takes part in the graph.
     fn is_ready(&self) {
         if self.unready.replace(false) {

@@ -21,28 +21,25 @@ const REPORT_EVERY: Duration = Duration::from_secs(1);
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let part = "a bag to record to";
     let config = context.launch.record.as_ref().ok_or(NodeError::Incomplete { node: context.name.name(), part })?;
-    let path = context.of_this_life(&context.base.join(&config.bag));
-    let recording = Recording::start(&path, config)?.map_err(NodeError::Thread)?;
+    let recording = Recording::start_beside(&context.base.join(&config.bag), config)?.map_err(NodeError::Thread)?;
+    let mut tracks = match Tracks::open(context) {
+        Ok(tracks) => tracks,
+        Err(error) => {
+            recording.finish_unless_empty()?;
+            return Err(error);
+        }
+    };
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
     let mut summary = context.summary();
     let mut tape = Tape { recording, refused: 0 };
     let mut withheld = 0_u64;
-    let mut scale = Track::<ScaleReading>::open(context, NodeName::Scale)?;
-    let mut tracer = Track::<TracerReading>::open(context, NodeName::Tracer)?;
-    let mut geometric = Track::<CorrectedCoordinates>::open(context, NodeName::Geometric)?;
-    let mut residual = Track::<CorrectedCoordinates>::open(context, NodeName::Residual)?;
-    let mut monitor = Track::<RangeResidual>::open(context, NodeName::Monitor)?;
     let mut reported = Instant::now();
     context.lifecycle.opened();
     loop {
         let stopping = context.shutdown.requested();
         let before = (summary.received, summary.malformed);
         let mut into = if context.lifecycle.is_active() { Some(&mut tape) } else { None };
-        scale.drain(into.as_deref_mut(), &mut summary);
-        tracer.drain(into.as_deref_mut(), &mut summary);
-        geometric.drain(into.as_deref_mut(), &mut summary);
-        residual.drain(into.as_deref_mut(), &mut summary);
-        monitor.drain(into.as_deref_mut(), &mut summary);
+        tracks.drain(into.as_deref_mut(), &mut summary);
         withheld += if into.is_none() { summary.received - before.0 } else { 0 };
         if let Some(health) = health.as_ref().filter(|_| reported.elapsed() >= REPORT_EVERY) {
             reported = Instant::now();
@@ -55,9 +52,9 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
             context.shutdown.sleep(LOOK_UP.min(Duration::from_millis(5)));
         }
     }
-    summary.lost = scale.lost() + tracer.lost() + geometric.lost() + residual.lost() + monitor.lost();
+    summary.lost = tracks.lost();
     let Tape { recording, refused } = tape;
-    let status = recording.finish()?;
+    let status = if summary.received == 0 { recording.finish_unless_empty()? } else { recording.finish()? };
     (summary.sent, summary.dropped) = (status.recorded, status.unrecorded);
     let figures = [
         ("stamps_refused", refused as f64),
@@ -90,6 +87,39 @@ impl Tape {
                 }
             }
         }
+    }
+}
+
+/// All that can be recorded.
+struct Tracks {
+    scale: Track<ScaleReading>,
+    tracer: Track<TracerReading>,
+    geometric: Track<CorrectedCoordinates>,
+    residual: Track<CorrectedCoordinates>,
+    monitor: Track<RangeResidual>,
+}
+
+impl Tracks {
+    fn open(context: &NodeContext) -> Result<Tracks, NodeError> {
+        Ok(Tracks {
+            scale: Track::open(context, NodeName::Scale)?,
+            tracer: Track::open(context, NodeName::Tracer)?,
+            geometric: Track::open(context, NodeName::Geometric)?,
+            residual: Track::open(context, NodeName::Residual)?,
+            monitor: Track::open(context, NodeName::Monitor)?,
+        })
+    }
+
+    fn drain(&mut self, mut tape: Option<&mut Tape>, summary: &mut NodeSummary) {
+        self.scale.drain(tape.as_deref_mut(), summary);
+        self.tracer.drain(tape.as_deref_mut(), summary);
+        self.geometric.drain(tape.as_deref_mut(), summary);
+        self.residual.drain(tape.as_deref_mut(), summary);
+        self.monitor.drain(tape, summary);
+    }
+
+    fn lost(&self) -> u64 {
+        self.scale.lost() + self.tracer.lost() + self.geometric.lost() + self.residual.lost() + self.monitor.lost()
     }
 }
 

@@ -6,6 +6,7 @@
 
 use crate::launch::RecordConfig;
 use abbe_msgs::bag::{BagError, BagWriter};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -48,6 +49,7 @@ pub(crate) struct Status {
 
 /// A recording under way.
 pub(crate) struct Recording {
+    path: PathBuf,
     queue: Option<SyncSender<Record>>,
     status: Arc<Mutex<Status>>,
     thread: Option<JoinHandle<Result<(), BagError>>>,
@@ -69,7 +71,28 @@ impl Recording {
             status: Arc::clone(&status),
         };
         let started = thread::Builder::new().name("recording".into()).spawn(move || disk.run(writer, &records));
-        Ok(started.map(|thread| Recording { queue: Some(queue), status, thread: Some(thread) }))
+        let path = path.to_owned();
+        Ok(started.map(|thread| Recording { path, queue: Some(queue), status, thread: Some(thread) }))
+    }
+
+    /// The same at the first free place: `bag`, `bag-2`, `bag-3` and so on. What a launch before recorded, or one that
+    /// crashed, is kept, and keeps nobody from recording. The folder of the bag is made where there is none.
+    pub(crate) fn start_beside(bag: &Path, config: &RecordConfig) -> Result<std::io::Result<Recording>, BagError> {
+        make_folder_of(bag)?;
+        let mut number = 1_u64;
+        loop {
+            let path = numbered(bag, number);
+            match Recording::start(&path, config) {
+                // Asked of the creation itself: another launch may take the name at this moment.
+                Err(BagError::Exists { .. }) => number += 1,
+                started => {
+                    if number > 1 {
+                        tracing::warn!("{} exists already and stays; recording to {}", bag.display(), path.display());
+                    }
+                    return started;
+                }
+            }
+        }
     }
 
     /// Hands a message on; never waits.
@@ -84,6 +107,19 @@ impl Recording {
         lock(&self.status).clone()
     }
 
+    /// Completes the bag, or takes it away where nothing came to be recorded: a launch that was broken off leaves none.
+    pub(crate) fn finish_unless_empty(self) -> Result<Status, BagError> {
+        let path = self.path.clone();
+        let status = self.finish()?;
+        if (status.recorded, status.unrecorded, status.files) == (0, 0, 1) {
+            match remove_bag(&path) {
+                Ok(()) => tracing::info!("{}: nothing came to be recorded, so there is no bag", path.display()),
+                Err(error) => tracing::warn!("{}: the empty bag cannot be removed: {error}", path.display()),
+            }
+        }
+        Ok(status)
+    }
+
     /// Completes the bag.
     pub(crate) fn finish(mut self) -> Result<Status, BagError> {
         drop(self.queue.take());
@@ -96,6 +132,42 @@ impl Recording {
         }
         Ok(self.status())
     }
+}
+
+fn make_folder_of(bag: &Path) -> Result<(), BagError> {
+    let Some(folder) = bag.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) else {
+        return Ok(());
+    };
+    let action = "make the folder of the bag; name another in record";
+    fs::create_dir_all(folder).map_err(|source| BagError::Io { path: folder.to_owned(), action, source })?;
+    tracing::info!("{}: made for the bag", folder.display());
+    Ok(())
+}
+
+/// The path of the bag of this number; a bare file keeps its extension, by which it is known as one.
+fn numbered(bag: &Path, number: u64) -> PathBuf {
+    let is_bare = bag.extension().is_some_and(|extension| extension == "mcap");
+    match (if is_bare { bag.file_stem() } else { bag.file_name() }, number) {
+        (None, _) | (_, 1) => bag.to_owned(),
+        (Some(name), _) => {
+            let extension = if is_bare { ".mcap" } else { "" };
+            bag.with_file_name(format!("{}-{number}{extension}", name.to_string_lossy()))
+        }
+    }
+}
+
+/// Removes a bag of this process; a folder in which others have put something stays with that.
+fn remove_bag(path: &Path) -> std::io::Result<()> {
+    if path.is_file() {
+        return fs::remove_file(path);
+    }
+    for entry in fs::read_dir(path)? {
+        let file = entry?.path();
+        if file.extension().is_some_and(|extension| extension == "mcap") || file.ends_with("metadata.yaml") {
+            fs::remove_file(file)?;
+        }
+    }
+    fs::remove_dir(path)
 }
 
 /// What the thread works with.
@@ -252,6 +324,53 @@ mod tests {
         assert!(status.files >= 2 && status.longest_sync > Duration::ZERO, "{} files", status.files);
         let times = messages(&path).unwrap().map(|message| message.unwrap().log_time_ns);
         assert!(times.eq(0..320));
+    }
+
+    #[test]
+    fn regress_what_is_there_already_is_kept_and_the_next_bag_is_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, beside) in
+            [("no/such/run", ["run", "run-2", "run-3"]), ("a.mcap", ["a.mcap", "a-2.mcap", "a-3.mcap"])]
+        {
+            let bag = folder.path().join(name);
+            let beside = beside.map(|name| bag.with_file_name(name));
+            for (sequence, path) in (0..).zip(&beside) {
+                let recording = Recording::start_beside(&bag, &RecordConfig::new(&bag)).unwrap().unwrap();
+                recording.push(record(sequence));
+                assert_eq!(&recording.path, path);
+                assert_eq!(recording.finish_unless_empty().unwrap().recorded, 1);
+            }
+            for (sequence, path) in (0..).zip(&beside) {
+                let times: Vec<u64> = messages(path).unwrap().map(|message| message.unwrap().log_time_ns).collect();
+                assert_eq!(times, [sequence], "{} is what was recorded there", path.display());
+            }
+        }
+    }
+
+    #[test]
+    fn regress_where_nothing_came_no_bag_is_left_and_what_others_put_there_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["run", "run.mcap"] {
+            let bag = folder.path().join(name);
+            let recording = Recording::start_beside(&bag, &RecordConfig::new(&bag)).unwrap().unwrap();
+            assert!(bag.exists());
+            recording.finish_unless_empty().unwrap();
+            assert!(!bag.exists(), "{name}");
+        }
+        let bag = folder.path().join("run");
+        let recording = Recording::start_beside(&bag, &RecordConfig::new(&bag)).unwrap().unwrap();
+        fs::write(bag.join("notes.txt"), "mine").unwrap();
+        recording.finish_unless_empty().unwrap();
+        assert_eq!(fs::read_to_string(bag.join("notes.txt")).unwrap(), "mine");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_refused_with_the_key() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("file"), "").unwrap();
+        let bag = folder.path().join("file/run");
+        let error = Recording::start_beside(&bag, &RecordConfig::new(&bag)).err().unwrap().to_string();
+        assert!(error.contains("file") && error.contains("name another in record"), "{error}");
     }
 
     #[test]
