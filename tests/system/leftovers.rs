@@ -455,6 +455,22 @@ fn a_node_that_cannot_start_ends_the_launch_with_its_own_words() {
 }
 
 #[test]
+fn regress_a_second_sigterm_within_milliseconds_kills_no_node() {
+    let bench = Bench::identified(5);
+    long_recording(&bench, 60_000);
+    let run = RunId::unique();
+    let launcher = at_work(&bench, "terminated", &run);
+    // As `timeout` of GNU does: its child, and then the group of both.
+    for _ in 0..2 {
+        signal(launcher.id(), Signal::TERM);
+        thread::sleep(Duration::from_millis(5));
+    }
+    let nodes = summaries(&launcher.finish().ok());
+    assert_eq!(nodes["recorder"].received, nodes["scale"].sent, "a node was ended before it had taken all");
+    assert_eq!(files_of_run(run.as_str()), Vec::<String>::new());
+}
+
+#[test]
 fn a_launch_that_is_interrupted_while_it_starts_leaves_no_process_and_no_file() {
     let bench = Bench::identified(5);
     long_recording(&bench, 60_000);

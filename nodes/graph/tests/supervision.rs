@@ -97,7 +97,7 @@ fn a_correcting_node_that_keeps_ending_ends_the_launch_with_its_words() {
 #[test]
 fn regress_a_node_that_fails_or_will_not_stop_is_told_of_at_the_end() {
     for (script, words) in [
-        (format!("trap '' TERM\n{WORKS}"), "did not stop in time"),
+        (format!("trap '' TERM\n{WORKS}"), "geometric was ended by the second signal"),
         (format!("trap 'exit 3' TERM\n{WORKS}"), "exit status: 3"),
     ] {
         let folder = tempfile::tempdir().unwrap();
@@ -142,6 +142,9 @@ fn regress_a_second_ctrl_c_leaves_the_recorder_the_time_to_finish_its_bag() {
     hurry.request();
     hurry.request();
     let Stopped { problems, .. } = graph.stop(&hurry).unwrap();
-    assert!(problems.len() == 1 && problems[0].contains("node geometric did not stop in time"), "{problems:?}");
+    assert!(
+        problems.len() == 1 && problems[0].contains("node geometric was ended by the second signal"),
+        "{problems:?}"
+    );
     assert_eq!(fs::read_to_string(bag).unwrap(), "whole\n");
 }

@@ -15,7 +15,7 @@ mod system;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
@@ -23,6 +23,10 @@ pub use system::{end_on_signals, end_with_reader, follow_launcher};
 
 /// Environment variable that names the process whose end is the end of this one; see [`follow_launcher`].
 pub const LAUNCHER_PID: &str = "ABBE_LAUNCHER_PID";
+
+/// Signals that follow the first one within this time are the same request: `timeout` of GNU signals its child and then the
+/// child's group. Nobody decides in so short a time that the first was not enough.
+const SAME_REQUEST: Duration = Duration::from_millis(500);
 
 /// A flag that says that the process should stop. Clones share the flag.
 #[derive(Debug, Clone, Default)]
@@ -45,6 +49,28 @@ struct Seen {
     looks: AtomicU64,
     /// Threads that sleep on the flag.
     asleep: AtomicUsize,
+}
+
+/// Takes the signals of the process, each of which is a request unless it belongs to the first one.
+struct Signalled {
+    shutdown: Shutdown,
+    /// When the first one came.
+    first: Option<Instant>,
+}
+
+impl Signalled {
+    fn new(shutdown: &Shutdown) -> Self {
+        Self { shutdown: shutdown.clone(), first: None }
+    }
+
+    /// A signal that came at this instant.
+    fn take(&mut self, at: Instant) {
+        let is_first = self.first.is_none();
+        let first = *self.first.get_or_insert(at);
+        if is_first || at.duration_since(first) >= SAME_REQUEST {
+            self.shutdown.request();
+        }
+    }
 }
 
 /// Why stopping could not be arranged.
@@ -112,7 +138,8 @@ impl Shutdown {
         *self.requests() > 0
     }
 
-    /// Whether it was asked for more than once (a second Ctrl-C): then nothing more is waited for.
+    /// Whether it was asked for more than once (a second Ctrl-C, half a second or more after the first): then nothing more
+    /// is waited for.
     #[must_use]
     pub fn is_urgent(&self) -> bool {
         *self.requests() > 1
@@ -227,6 +254,19 @@ mod tests {
         shutdown.request();
         assert!(shutdown.requested() && !shutdown.is_urgent());
         shutdown.request();
+        assert!(shutdown.is_urgent());
+    }
+
+    #[test]
+    fn regress_two_signals_within_milliseconds_are_one_request_and_a_later_one_is_urgent() {
+        let shutdown = Shutdown::manual();
+        let mut signalled = Signalled::new(&shutdown);
+        let first = Instant::now();
+        for after_ms in [0, 2, 499] {
+            signalled.take(first + Duration::from_millis(after_ms));
+            assert!(shutdown.requested() && !shutdown.is_urgent(), "{after_ms} ms after the first");
+        }
+        signalled.take(first + SAME_REQUEST);
         assert!(shutdown.is_urgent());
     }
 

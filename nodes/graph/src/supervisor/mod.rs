@@ -347,13 +347,14 @@ impl Supervisor {
             let Some(node) = self.nodes.iter_mut().find(|node| node.name == name) else { continue };
             let State::Running(process) = &mut node.state else { continue };
             let hurry = || name != NodeName::Recorder && hurry();
-            let (ended, was_killed) = process.end(STOP_PATIENCE, &hurry)?;
+            let (ended, stop) = process.end(STOP_PATIENCE, &hurry)?;
             node.notice_ready();
             // One that was still starting has nothing to lose: it may not look whether to stop, or miss others that have.
-            let problem = match (node.was_ready, was_killed, ended.is_in_order()) {
-                (false, ..) | (true, false, true) => None,
-                (true, true, _) => Some(format!("node {} did not stop in time and was ended", name.name())),
-                (true, false, false) => Some(format!("node {} ended with {}", name.name(), ended.told())),
+            let problem = match (node.was_ready, stop.told()) {
+                (false, _) => None,
+                (true, Some(words)) => Some(format!("node {} {words}", name.name())),
+                (true, None) if ended.is_in_order() => None,
+                (true, None) => Some(format!("node {} ended with {}", name.name(), ended.told())),
             };
             self.problems.extend(problem);
             (node.state, node.summary) = (State::Done, ended.summary);

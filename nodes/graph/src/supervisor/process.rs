@@ -31,6 +31,28 @@ pub(super) struct Ended {
     pub(super) orders: Orders,
 }
 
+/// How a node that was asked to stop came to its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stop {
+    /// By itself.
+    ByItself,
+    /// It took too long, and was ended.
+    TooSlow,
+    /// Stopping was asked for a second time, and it was ended.
+    Hurried,
+}
+
+impl Stop {
+    /// What is said of a node that was ended.
+    pub(super) fn told(self) -> Option<&'static str> {
+        match self {
+            Stop::ByItself => None,
+            Stop::TooSlow => Some("did not stop in time and was ended"),
+            Stop::Hurried => Some("was ended by the second signal"),
+        }
+    }
+}
+
 /// What a node was told while it ran, as it said: its next process is given the same.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Orders {
@@ -111,28 +133,33 @@ impl NodeProcess {
         Ok(self.child.try_wait().map_err(watch)?.map(|status| self.collect(status)))
     }
 
-    /// Asks it to stop, and ends it if it does not within `patience`, or sooner where there is a `hurry`. The second is
-    /// whether it had to be ended.
+    /// Asks it to stop, and ends it if it does not within `patience`, or sooner where there is a `hurry`.
     pub(super) fn end(
         &mut self,
         patience: Duration,
         hurry: &dyn Fn() -> bool,
-    ) -> Result<(Ended, bool), SupervisorError> {
+    ) -> Result<(Ended, Stop), SupervisorError> {
         self.signal(Signal::TERM);
         // One that is stopped (Ctrl-Z, a debugger) hears nothing else.
         self.signal(Signal::CONT);
         let since = Instant::now();
-        while since.elapsed() < patience && !hurry() {
+        let stop = loop {
             if let Some(ended) = self.ended()? {
-                return Ok((ended, false));
+                return Ok((ended, Stop::ByItself));
+            }
+            if hurry() {
+                break Stop::Hurried;
+            }
+            if since.elapsed() >= patience {
+                break Stop::TooSlow;
             }
             std::thread::sleep(Duration::from_millis(5));
-        }
-        tracing::warn!(node = self.name.name(), "did not stop in time and is ended");
+        };
+        tracing::warn!(node = self.name.name(), "{}", stop.told().unwrap_or_default());
         let watch = |source| SupervisorError::Watch { node: self.name.name(), source };
         self.child.kill().map_err(watch)?;
         let status = self.child.wait().map_err(watch)?;
-        Ok((self.collect(status), true))
+        Ok((self.collect(status), stop))
     }
 
     fn signal(&self, signal: Signal) {

@@ -6,25 +6,25 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use signal_hook::consts::SIGINT;
 use signal_hook::flag::register;
 
-use super::{Shutdown, ShutdownError};
+use super::{Shutdown, ShutdownError, Signalled};
 
 /// How often the watcher looks whether Ctrl-C was pressed.
 const LOOK_UP: Duration = Duration::from_millis(20);
 
 /// Raises the flag by Ctrl-C, which Windows knows under the name of SIGINT.
 pub(super) fn raise_on_signals(shutdown: &Shutdown) -> Result<(), ShutdownError> {
-    let (shutdown, pressed) = (shutdown.clone(), Arc::new(AtomicBool::new(false)));
+    let (mut signalled, pressed) = (Signalled::new(shutdown), Arc::new(AtomicBool::new(false)));
     register(SIGINT, Arc::clone(&pressed)).map_err(ShutdownError::Signals)?;
     let raise = move || {
         loop {
             thread::sleep(LOOK_UP);
             if pressed.swap(false, Ordering::Relaxed) {
-                shutdown.request();
+                signalled.take(Instant::now());
             }
         }
     };

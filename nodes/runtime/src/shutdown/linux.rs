@@ -13,7 +13,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGPIPE, SIGTERM};
 use signal_hook::flag::register_conditional_default;
 use signal_hook::iterator::Signals;
 
-use super::{LAUNCHER_PID, Shutdown, ShutdownError};
+use super::{LAUNCHER_PID, Shutdown, ShutdownError, Signalled};
 
 /// How often the watcher looks whether the launcher still lives.
 const PARENT_POLL: Duration = Duration::from_millis(100);
@@ -26,13 +26,13 @@ const ORPHAN_EXIT_CODE: i32 = 70;
 
 /// Raises the flag by SIGTERM, and by SIGINT and SIGHUP unless the process was started with these ignored.
 pub(super) fn raise_on_signals(shutdown: &Shutdown) -> Result<(), ShutdownError> {
-    let raised_by_signal = shutdown.clone();
+    let mut signalled = Signalled::new(shutdown);
     let handled = signals_to_handle();
     let mut signals = Signals::new(&handled).map_err(ShutdownError::Signals)?;
     let taken = mask_of(&handled)?;
     // The thread takes them over from this one.
     taken.thread_unblock().map_err(of_system)?;
-    let raise = move || signals.forever().for_each(|_| raised_by_signal.request());
+    let raise = move || signals.forever().for_each(|_| signalled.take(Instant::now()));
     thread::Builder::new().name("signals".into()).spawn(raise).map_err(ShutdownError::Signals)?;
     // iceoryx2 and RustDDS give up where a signal interrupts one of their calls.
     taken.thread_block().map_err(of_system)
