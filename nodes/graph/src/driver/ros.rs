@@ -252,6 +252,8 @@ pub(super) struct RosTopic<M: Message> {
     state: LinkState,
     /// Of a bare number.
     unit: Option<Unit>,
+    /// What a sensor gives, as its configuration names it.
+    covariate: Option<String>,
 }
 
 pub(super) fn open_scale(
@@ -321,6 +323,7 @@ fn open<M: Message>(
         link: Link::default(),
         state: LinkState::Waiting,
         unit: named.and_then(|name| Unit::of(name).ok()),
+        covariate: config.covariate.clone(),
     })
 }
 
@@ -431,12 +434,7 @@ impl TracerDriver for RosTopic<TracerReading> {
 impl SensorDriver for RosTopic<ScaleReading> {
     fn next_values(&mut self) -> Result<Option<SensorValues>, DriverError> {
         let Some((said, _)) = self.next()? else { return Ok(None) };
-        let value = |name: &str, value: f64| match &self.unit {
-            Some(unit) => (unit.name.clone(), unit.convert(value)),
-            None => (name.to_owned(), value),
-        };
-        let values = said.covariates.iter().map(|one| value(one.name.as_str(), one.value)).collect();
-        Ok(Some(SensorValues { stamp: said.stamp, values, missing: Vec::new() }))
+        Ok(Some(values_of(&said, self.covariate.as_deref(), self.unit.as_ref())))
     }
 
     fn link(&self) -> Option<Link> {
@@ -444,9 +442,32 @@ impl SensorDriver for RosTopic<ScaleReading> {
     }
 }
 
+/// What a sensor said; a message without its covariate says that there is no value now.
+fn values_of(said: &ScaleReading, covariate: Option<&str>, unit: Option<&Unit>) -> SensorValues {
+    let value = |name: &str, value: f64| match unit {
+        Some(unit) => (unit.name.clone(), unit.convert(value)),
+        None => (name.to_owned(), value),
+    };
+    let values: Vec<_> = said.covariates.iter().map(|one| value(one.name.as_str(), one.value)).collect();
+    let missing = covariate.filter(|_| values.is_empty()).map(|name| value(name, 0.0).0);
+    SensorValues { stamp: said.stamp, values, missing: missing.into_iter().collect() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_a_message_without_a_value_voids_the_one_before_under_the_name_that_effects_read() {
+        let unit = Unit::of("pressure_pa").unwrap();
+        let mut said = ScaleReading::default();
+        let of = |said: &ScaleReading| values_of(said, Some("pressure_pa"), Some(&unit));
+        assert_eq!((of(&said).values, of(&said).missing), (Vec::new(), vec!["pressure_hpa".to_owned()]));
+        let air = values_of(&said, Some("temp_air_c"), None);
+        assert_eq!((air.values, air.missing), (Vec::new(), vec!["temp_air_c".to_owned()]));
+        said.covariates.push("pressure_pa", 101_325.0, 0.0).unwrap();
+        assert_eq!((of(&said).values, of(&said).missing), (vec![("pressure_hpa".to_owned(), 1013.25)], Vec::new()));
+    }
 
     #[test]
     fn what_moves_does_not_arrive_by_simulated_time() {

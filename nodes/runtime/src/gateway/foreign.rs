@@ -111,11 +111,13 @@ impl Foreign {
         Ok(TracerReading { stamp, length_m, u_length_m, station, frame_id, ..TracerReading::default() })
     }
 
-    /// A covariate travels as a scale reading without a position.
+    /// A covariate travels as a scale reading without a position. A sensor that has no value now says NaN (or infinity);
+    /// then the reading has no covariate either: handed on, so that the value before does not stay in force.
     fn covariate(&self, stamp: Stamp, name: &str, value: f64) -> Result<ScaleReading, String> {
-        finite(&[value])?;
         let mut covariates = Covariates::new();
-        covariates.push(name, value, 0.0).map_err(|error| error.to_string())?;
+        if value.is_finite() {
+            covariates.push(name, value, 0.0).map_err(|error| error.to_string())?;
+        }
         let (reading_m, frame_id) = ([f64::NAN; 3], self.machine_frame()?);
         Ok(ScaleReading { stamp, reading_m, covariates, frame_id, ..ScaleReading::default() })
     }
@@ -204,7 +206,7 @@ impl Makes<TracerReading> for Range {
 impl Makes<ScaleReading> for Temperature {
     fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Temperature(name) = &foreign.message else { return Err(foreign.other()) };
-        if self.temperature < ABSOLUTE_ZERO_C {
+        if self.temperature.is_finite() && self.temperature < ABSOLUTE_ZERO_C {
             return Err(format!("{} °C is below absolute zero", self.temperature));
         }
         foreign.covariate(foreign.stamp(&self.header, arrived)?, name, self.temperature)
@@ -214,7 +216,7 @@ impl Makes<ScaleReading> for Temperature {
 impl Makes<ScaleReading> for FluidPressure {
     fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Pressure(name) = &foreign.message else { return Err(foreign.other()) };
-        if self.fluid_pressure < 0.0 {
+        if self.fluid_pressure.is_finite() && self.fluid_pressure < 0.0 {
             return Err(format!("{} Pa is below vacuum", self.fluid_pressure));
         }
         foreign.covariate(foreign.stamp(&self.header, arrived)?, name, self.fluid_pressure / 100.0)
@@ -224,7 +226,7 @@ impl Makes<ScaleReading> for FluidPressure {
 impl Makes<ScaleReading> for RelativeHumidity {
     fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Humidity(name) = &foreign.message else { return Err(foreign.other()) };
-        if !(0.0..=1.0).contains(&self.relative_humidity) {
+        if self.relative_humidity.is_finite() && !(0.0..=1.0).contains(&self.relative_humidity) {
             return Err(format!(
                 "a relative humidity of {} is not from 0 to 1; per cent are not meant",
                 self.relative_humidity
@@ -273,9 +275,28 @@ mod tests {
         let air = foreign(ForeignMessage::Temperature("temp_air_c".to_owned()));
         let message = |temperature| Temperature { header: header(), temperature, variance: 0.0 };
         assert!(why::<ScaleReading>(air.made_of(&message(-300.0), &Clock::of_system())).contains("absolute zero"));
-        assert!(
-            why::<ScaleReading>(air.made_of(&message(f64::NAN), &Clock::of_system())).contains("no measured number")
-        );
+    }
+
+    #[test]
+    fn regress_a_sensor_that_says_nan_is_handed_on_as_one_without_a_value() {
+        let clock = Clock::of_system();
+        for none in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let air = foreign(ForeignMessage::Temperature("temp_air_c".to_owned()));
+            let air = air.made_of(&Temperature { header: header(), temperature: none, variance: 0.0 }, &clock);
+            let pressure = foreign(ForeignMessage::Pressure("pressure_hpa".to_owned()));
+            let pressure =
+                pressure.made_of(&FluidPressure { header: header(), fluid_pressure: none, variance: 0.0 }, &clock);
+            let humidity = foreign(ForeignMessage::Humidity("humidity_pct".to_owned()));
+            let humidity = humidity
+                .made_of(&RelativeHumidity { header: header(), relative_humidity: none, variance: 0.0 }, &clock);
+            for said in [air, pressure, humidity] {
+                let said: ScaleReading = said.unwrap();
+                assert_eq!((said.stamp, said.covariates.iter().count()), (Stamp::new(7, 0).unwrap(), 0), "{none}");
+            }
+            let number = Foreign { is_stamped: false, ..foreign(ForeignMessage::Number("temp_air_c".to_owned())) };
+            let said: ScaleReading = number.made_of(&Float64 { data: none }, &clock).unwrap();
+            assert_eq!(said.covariates.iter().count(), 0, "{none}");
+        }
     }
 
     #[test]
