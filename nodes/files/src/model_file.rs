@@ -9,6 +9,7 @@ use crate::envelope::{self, FileKind};
 use crate::error::{FileError, Place};
 use crate::model_contents::{Doubt, ModelFile};
 use crate::model_record::ModelRecord;
+use abbe_geometry::machine::{Machine, Side};
 use std::path::Path;
 
 const KIND: FileKind = FileKind {
@@ -55,14 +56,28 @@ impl ModelFile {
         })
     }
 
-    /// Reads a model file of the machine with that name, and no other.
-    pub fn load_for(path: &Path, machine: &str) -> Result<(ModelFile, [u8; 32]), FileError> {
+    /// Reads a model file of this machine, and no other: of its name, its frame and its chain. What else stands in a
+    /// machine file is about how a model is identified, and the model has its own.
+    pub fn load_for(path: &Path, machine: &Machine) -> Result<(ModelFile, [u8; 32]), FileError> {
         let (file, digest) = ModelFile::load(path)?;
-        let found = &file.model.parts().machine.name;
-        if found != machine {
-            let place = Place::file(&path.display().to_string()).key("machine.name");
-            let problem = format!("the model is of machine {found:?}, not of {machine:?}");
-            return Err(FileError::content(place, problem, "give the model of this machine, or identify one"));
+        let found = &file.model.parts().machine;
+        let refused = |key: &str, problem: String, remedy: &str| {
+            Err(FileError::content(Place::file(&path.display().to_string()).key(key), problem, remedy))
+        };
+        if found.name != machine.name {
+            let problem = format!("the model is of machine {:?}, not of {:?}", found.name, machine.name);
+            return refused("machine.name", problem, "give the model of this machine, or identify one");
+        }
+        let remedy = "correct the machine file, or identify the model again with it";
+        if found.frame_id != machine.frame_id {
+            let (model, file) = (&found.frame_id, &machine.frame_id);
+            let problem = format!("the model is of frame_id {model:?}, and the machine file says {file:?}");
+            return refused("machine.frame_id", problem, remedy);
+        }
+        if found.joints != machine.joints {
+            let (model, file) = (chain(found), chain(machine));
+            let problem = format!("the model is of the chain {model}, and the machine file says {file}");
+            return refused("machine.chain", problem, remedy);
         }
         Ok((file, digest))
     }
@@ -99,4 +114,12 @@ impl ModelFile {
         }
         Ok(())
     }
+}
+
+/// The chain in words, from the workpiece to the tool: `Y, bed, X, Z`.
+fn chain(machine: &Machine) -> String {
+    let letters = |side| {
+        machine.joints.iter().filter(move |joint| joint.side == side).map(|joint| joint.axis.letter().to_string())
+    };
+    letters(Side::Workpiece).chain(["bed".to_owned()]).chain(letters(Side::Tool)).collect::<Vec<_>>().join(", ")
 }

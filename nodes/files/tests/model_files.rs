@@ -5,6 +5,7 @@
 mod common;
 
 use abbe_files::{FileError, ModelFile, hex};
+use abbe_geometry::machine::{Machine, Side};
 use common::model;
 use proptest::prelude::*;
 use sha2::{Digest, Sha256};
@@ -65,13 +66,41 @@ fn saving_and_loading_for_a_machine() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.json");
     let digest = model(1).save(&path).unwrap();
-    assert_eq!(ModelFile::load_for(&path, "bridge_xyz").unwrap().1, digest);
-    let error = ModelFile::load_for(&path, "fyxz").unwrap_err().to_string();
+    let own = model(1).model.parts().machine.clone();
+    assert_eq!(ModelFile::load_for(&path, &own).unwrap().1, digest);
+    let other = Machine { name: "fyxz".to_owned(), ..own };
+    let error = ModelFile::load_for(&path, &other).unwrap_err().to_string();
     for part in ["model.json, key machine.name", "\"bridge_xyz\"", "not of \"fyxz\"", "identify one"] {
         assert!(error.contains(part), "{error:?} does not say {part:?}");
     }
     let error = ModelFile::load(&folder.path().join("none.json")).unwrap_err().to_string();
     assert!(error.contains("none.json: cannot read the model"), "{error}");
+}
+
+#[test]
+fn regress_a_machine_file_that_contradicts_the_model_is_refused_with_both_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.json");
+    model(1).save(&path).unwrap();
+    let own = model(1).model.parts().machine.clone();
+    // What belongs to the identification may be another.
+    let finer = Machine { repeatability_m: [1e-7; 3], ..own.clone() };
+    ModelFile::load_for(&path, &finer).unwrap();
+    let elsewhere = Machine { frame_id: "cmm_base".to_owned(), ..own.clone() };
+    let mut table = own.clone();
+    table.joints[0].side = Side::Workpiece;
+    let mut turned = own;
+    turned.joints.swap(0, 1);
+    for (machine, parts) in [
+        (elsewhere, ["model.json, key machine.frame_id", "\"bridge_xyz\"", "\"cmm_base\""]),
+        (table, ["model.json, key machine.chain", "of the chain bed, X, Y, Z", "says X, bed, Y, Z"]),
+        (turned, ["model.json, key machine.chain", "of the chain bed, X, Y, Z", "says bed, Y, X, Z"]),
+    ] {
+        let error = ModelFile::load_for(&path, &machine).unwrap_err().to_string();
+        for part in parts.into_iter().chain(["correct the machine file, or identify the model again"]) {
+            assert!(error.contains(part), "{error:?} does not say {part:?}");
+        }
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 
 use abbe_files::{FileError, ModelFile, hex, write_atomically, write_campaign};
 use abbe_geometry::effects::Effect;
+use abbe_geometry::machine::Machine;
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use abbe_runtime::ros::TriggerOutcome;
@@ -64,7 +65,7 @@ pub struct Job {
     /// The file that the model in use came from.
     pub model_file: PathBuf,
     /// The machine that a model has to be of.
-    pub machine: String,
+    pub machine: Machine,
     /// The model in use.
     pub in_use: Sha256,
     /// The readings to diagnose.

@@ -52,7 +52,7 @@ impl Place {
         Job {
             program: self.path("program"),
             model_file: self.path("model.json"),
-            machine: MACHINE.to_owned(),
+            machine: bench().machine.machine.clone(),
             in_use: self.in_use,
             campaign: bench().campaign.clone(),
             folder: self.path("diagnoses"),

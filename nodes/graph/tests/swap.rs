@@ -27,7 +27,7 @@ const LAST_SAMPLES: usize = 100;
 type Model = Arc<MachineModel>;
 
 fn load(path: &Path) -> Result<(Model, Sha256), FileError> {
-    let (file, sha256) = ModelFile::load_for(path, MACHINE)?;
+    let (file, sha256) = ModelFile::load_for(path, &bench().machine.machine)?;
     Ok((Arc::new(file.model), Sha256::from_bytes(sha256)))
 }
 

@@ -70,7 +70,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let outputs = pages.chain([arguments.output.as_path()]);
     output::check(outputs, others.chain([arguments.input.as_path(), arguments.model.as_path()]))?;
     let (model, sha256) = match &arguments.machine {
-        Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine.name)?,
+        Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine)?,
         None => ModelFile::load(&arguments.model)?,
     };
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;

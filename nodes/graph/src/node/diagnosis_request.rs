@@ -11,6 +11,7 @@ use crate::diagnosis_run::{DiagnosisRun, Job};
 use crate::launch::{MonitorConfig, NodeName};
 use crate::step::{Health, HealthState, ReadingBuffer};
 use crate::topics;
+use abbe_geometry::machine::Machine;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{ScaleReading, Sha256, Stamp, TracerReading};
 use abbe_runtime::gateway::{GatewayNode, GatewayService};
@@ -28,7 +29,7 @@ struct Plan {
     folder: PathBuf,
     program: PathBuf,
     model_file: PathBuf,
-    machine: String,
+    machine: Machine,
 }
 
 /// How far diagnoses have come.
@@ -69,7 +70,7 @@ impl Diagnosis {
                 folder: context.base.join(folder),
                 program: std::env::current_exe().map_err(NodeError::Program)?,
                 model_file: context.base.join(model),
-                machine: context.machine.machine.name.clone(),
+                machine: context.machine.machine.clone(),
             }),
             _ => None,
         };

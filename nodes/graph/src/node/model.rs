@@ -10,6 +10,7 @@ use crate::launch::NodeName;
 use crate::step::OwnedField;
 use crate::topics;
 use abbe_files::{FileError, LoadedResidual, ModelFile, Place, ResidualFile};
+use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{COVARIATE_CAPACITY, COVARIATE_NAME_CAPACITY, Sha256};
@@ -59,7 +60,7 @@ pub(super) struct ArtifactFeed<T> {
 impl ModelFeed {
     /// Loads the model that the launch file names, and watches it.
     pub(super) fn open(context: &NodeContext) -> Result<(Option<LoadedModel>, ModelFeed), NodeError> {
-        let machine = context.machine.machine.name.clone();
+        let machine = context.machine.machine.clone();
         let said_against = SaidAgainst::default();
         let of_loading = Arc::clone(&said_against);
         let load = move |path: &Path| load(path, &machine, &of_loading);
@@ -174,7 +175,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
     }
 }
 
-fn load(path: &Path, machine: &str, said_against: &SaidAgainst) -> Result<LoadedModel, FileError> {
+fn load(path: &Path, machine: &Machine, said_against: &SaidAgainst) -> Result<LoadedModel, FileError> {
     let (file, sha256) = ModelFile::load_for(path, machine)?;
     let doubts: Vec<String> = file.said_against().collect();
     if !doubts.is_empty() {

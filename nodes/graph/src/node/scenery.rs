@@ -33,8 +33,8 @@ pub(super) fn open(context: &NodeContext) -> Result<Scenery, NodeError> {
     let machine = context.machine.machine.clone();
     let description = node.standing(topics::ROBOT_DESCRIPTION, Standing::Text(scene::urdf(&machine)))?;
     let opened = context.launch.model.as_ref().map(|path| {
-        let name = machine.name.clone();
-        Feed::open(&context.base.join(path), move |path: &Path| load(path, &name))
+        let of = machine.clone();
+        Feed::open(&context.base.join(path), move |path: &Path| load(path, &of))
     });
     let (stations, feed) = match opened {
         Some(Ok(((stations, _), feed))) => (stations, Some(feed)),
@@ -52,7 +52,7 @@ pub(super) fn open(context: &NodeContext) -> Result<Scenery, NodeError> {
     Ok(Scenery { _description: Some(description) })
 }
 
-fn load(path: &Path, machine: &str) -> Result<(Stations, Sha256), FileError> {
+fn load(path: &Path, machine: &Machine) -> Result<(Stations, Sha256), FileError> {
     let (file, sha256) = ModelFile::load_for(path, machine)?;
     Ok((file.model.parts().stations.clone(), Sha256::from_bytes(sha256)))
 }
