@@ -3,7 +3,7 @@
 //! Place in the flow: schema and channel records -> [`Channels`] -> each message of
 //! [`super::reader`] and [`super::recover()`] gets its [`BagChannel`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -41,6 +41,7 @@ pub(super) enum ChannelFault {
 pub(super) struct Channels {
     defined: ChannelAccumulator<'static>,
     used: BTreeMap<u16, Arc<BagChannel>>,
+    topics: BTreeSet<String>,
 }
 
 impl Channels {
@@ -49,11 +50,21 @@ impl Channels {
         self.used.is_empty()
     }
 
+    /// Topics that were defined so far, with messages or without.
+    pub(super) fn topics(&self) -> &BTreeSet<String> {
+        &self.topics
+    }
+
     /// Takes a definition; other records mean nothing here.
     pub(super) fn define(&mut self, record: Record<'static>) -> Result<(), McapError> {
         match record {
             Record::Schema { header, data } => self.defined.add_schema(header, data),
-            Record::Channel(channel) => self.defined.add_channel(channel),
+            Record::Channel(channel) => {
+                if !self.topics.contains(&channel.topic) {
+                    self.topics.insert(channel.topic.clone());
+                }
+                self.defined.add_channel(channel)
+            }
             _ => Ok(()),
         }
     }

@@ -6,7 +6,7 @@
 //! several files has it after each of them, so that what is complete can be read whatever happens
 //! later. Of a foreign file only the files, their storage and the numbers of messages are read.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -167,6 +167,21 @@ struct Information {
     compression_mode: String,
     #[serde(default)]
     files: Vec<FileInformation>,
+    /// Those without a message as well.
+    #[serde(default)]
+    topics_with_message_count: Vec<TopicInformation>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct TopicInformation {
+    topic_metadata: TopicName,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct TopicName {
+    name: String,
 }
 
 #[derive(Debug, Deserialize)]
@@ -183,12 +198,14 @@ pub(super) struct Listing {
     pub(super) promised: Option<(PathBuf, u64)>,
     /// What is wrong with the bag as a whole, although its files may be readable.
     pub(super) at_end: Option<BagError>,
+    /// Topics that `metadata.yaml` names.
+    pub(super) topics: BTreeSet<String>,
 }
 
 impl Listing {
     /// A bag that is one file.
     pub(super) fn file(path: &Path) -> Listing {
-        Listing { files: vec![path.to_owned()], promised: None, at_end: None }
+        Listing { files: vec![path.to_owned()], promised: None, at_end: None, topics: BTreeSet::new() }
     }
 }
 
@@ -207,7 +224,7 @@ pub(super) fn list(directory: &Path) -> Result<Listing, BagError> {
             convert::refuse_unlisted(directory)?;
             return Err(missing);
         }
-        return Ok(Listing { files: found, promised: None, at_end: Some(missing) });
+        return Ok(Listing { files: found, promised: None, at_end: Some(missing), topics: BTreeSet::new() });
     };
     let mut files = files(directory, &information).map_err(fault)?;
     let unnamed: Vec<PathBuf> = found.into_iter().filter(|file| !files.contains(file)).collect();
@@ -219,7 +236,9 @@ pub(super) fn list(directory: &Path) -> Result<Listing, BagError> {
         BagError::Metadata { path, reason }
     });
     files.extend(unnamed);
-    Ok(Listing { files, promised: Some((path, information.message_count)), at_end })
+    let topics = information.topics_with_message_count.into_iter().map(|topic| topic.topic_metadata.name);
+    let topics = topics.filter(|name| !name.is_empty()).collect();
+    Ok(Listing { files, promised: Some((path, information.message_count)), at_end, topics })
 }
 
 /// What a `metadata.yaml` says of each file by its name: the messages in it, where it says so.

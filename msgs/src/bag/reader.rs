@@ -4,7 +4,7 @@
 //! identification, correction. Messages come in the order they were recorded. Checksums of chunks,
 //! data and index are compared; the first fault is an error and the end.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -109,6 +109,8 @@ pub struct Messages {
     /// What is wrong with the bag as a whole; told when everything readable has been given.
     at_end: Option<BagError>,
     read: u64,
+    /// Topics of what is known: of `metadata.yaml`, and of the files that have been read.
+    topics: BTreeSet<String>,
 }
 
 /// Opens a bag: a rosbag2 directory or a `.mcap` file.
@@ -125,9 +127,9 @@ pub fn messages(path: impl AsRef<Path>) -> Result<Messages, BagError> {
         convert::refuse_sqlite(path)?;
     }
     let listing = if entry.is_dir() { metadata::list(path)? } else { metadata::Listing::file(path) };
-    let metadata::Listing { files: mut later, promised, at_end } = listing;
+    let metadata::Listing { files: mut later, promised, at_end, topics } = listing;
     later.reverse();
-    let mut messages = Messages { current: None, later, promised, at_end, read: 0 };
+    let mut messages = Messages { current: None, later, promised, at_end, read: 0, topics };
     messages.open_next()?;
     Ok(messages)
 }
@@ -138,7 +140,14 @@ pub fn messages_from<R: Read>(name: &Path, source: R) -> impl Iterator<Item = Re
 }
 
 impl Messages {
+    /// Topics that are known so far, with messages or without: all of the bag at its end.
+    pub fn topics(&self) -> BTreeSet<String> {
+        let current = self.current.iter().flat_map(|file| file.channels.topics());
+        self.topics.iter().chain(current).cloned().collect()
+    }
+
     fn open_next(&mut self) -> Result<(), BagError> {
+        self.topics = self.topics();
         self.current = match self.later.pop() {
             None => None,
             Some(path) => {

@@ -18,6 +18,36 @@ use abbe_runtime::Shutdown;
 use common::{HASH, bench};
 use std::sync::Arc;
 
+#[test]
+fn regress_a_topic_that_the_bag_does_not_have_is_refused_with_those_that_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = BagWriter::create(folder.path().join("bag")).unwrap();
+    let readings: Vec<ScaleReading> =
+        (0..3).map(|sequence| ScaleReading { sequence, ..ScaleReading::default() }).collect();
+    for reading in &readings {
+        write(&mut writer, "/m/tracer/reading", &TracerReading::default());
+        write(&mut writer, "/m/scale/reading", reading);
+    }
+    writer.finish().unwrap();
+    let open = |topic: &str| {
+        let config = DriverConfig::Bag { file: "bag".into(), topic: topic.to_owned() };
+        open_scale(&config, folder.path(), &bench().machine, &Shutdown::manual(), None)
+    };
+    let refused = open("/n/scale/reading").err().unwrap().to_string();
+    for words in ["no topic /n/scale/reading in ", "bag; it has: /m/scale/reading, /m/tracer/reading; name one"] {
+        assert!(refused.contains(words), "{refused}");
+    }
+    let mut driver = open("/m/scale/reading").unwrap();
+    assert!(std::iter::from_fn(|| driver.next_reading().unwrap()).eq(readings), "what was looked at comes as well");
+    // One that the recorder named, and on which nothing came, as rosbag2 does.
+    let metadata = folder.path().join("bag/metadata.yaml");
+    let silent =
+        "topics_with_message_count:\n    - topic_metadata:\n        name: /n/scale/reading\n      message_count: 0\n";
+    let text = std::fs::read_to_string(&metadata).unwrap().replace("topics_with_message_count:\n", silent);
+    std::fs::write(&metadata, text).unwrap();
+    assert_eq!(open("/n/scale/reading").unwrap().next_reading().unwrap(), None);
+}
+
 /// Campaign files that a driver reads.
 struct Recording(tempfile::TempDir);
 

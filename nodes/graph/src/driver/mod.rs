@@ -209,6 +209,16 @@ pub enum DriverError {
     /// A bag cannot be read.
     #[error(transparent)]
     Bag(#[from] BagError),
+    /// A bag without the topic that is to be played.
+    #[error("driver.topic: no topic {topic} in {}; it has: {known}; name one of them", bag.display())]
+    NoTopic {
+        /// The bag.
+        bag: PathBuf,
+        /// What was asked for.
+        topic: String,
+        /// Its topics.
+        known: String,
+    },
     /// The virtual machine refuses its configuration.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
