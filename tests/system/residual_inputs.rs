@@ -387,7 +387,8 @@ fn what_tells_no_covariates_refuses_the_model_when_it_loads() {
          [scale]\ndriver = {{ kind = \"virtual_machine\", seed = 9 }}\npace = {{ rate_hz = 1000.0 }}\n\
          [[edges]]\nfrom = \"scale\"\nto = \"geometric\"\ntransport = \"{MEMORY}\"\n\
          [[edges]]\nfrom = \"scale\"\nto = \"residual\"\ntransport = \"{MEMORY}\"\n\
-         [[edges]]\nfrom = \"geometric\"\nto = \"residual\"\ntransport = \"{MEMORY}\"\n",
+         [[edges]]\nfrom = \"geometric\"\nto = \"residual\"\ntransport = \"{MEMORY}\"\n\
+         [[edges]]\nfrom = \"residual\"\nto = \"*\"\ntransport = \"{MEMORY}\"\n",
         text(&machine())
     );
     train(bench, "warm.csv", "position,temp_cellar_c", "cellar.json").ok();

@@ -201,6 +201,22 @@ fn a_node_without_its_input_is_refused() {
     assert!(error.contains("residual is started but has no edge from geometric"), "{error}");
 }
 
+#[test]
+fn regress_a_node_whose_output_nobody_takes_is_refused_with_who_could() {
+    let to_geometric = GOOD.split("[[edges]]\nfrom = \"geometric\"").next().unwrap();
+    for (nodes, words) in [
+        ("[\"geometric\", \"scale\"]", "geometric is started but has no edge from it; add one to residual, user or *"),
+        ("[\"tracer\"]", "tracer is started but has no edge from it; add one to monitor, user or *"),
+    ] {
+        let text = to_geometric.replace("[\"scale\", \"geometric\", \"residual\"]", nodes);
+        let text = text + "[tracer]\ndriver = { kind = \"campaign\", file = \"c.csv\" }\npace = { rate_hz = 9.0 }\n";
+        let error = parse(&text).unwrap_err();
+        assert!(error.contains("graph.toml") && error.contains(words), "{error}");
+    }
+    let alone = to_geometric.replace("\"scale\", \"geometric\", \"residual\"", "\"scale\"");
+    parse(&alone).unwrap();
+}
+
 /// A graph with a monitor that diagnoses.
 fn diagnosing(keys: &str) -> String {
     let edge = |from: &str, to: &str| {

@@ -14,7 +14,9 @@ fn parsed(scale: &str, tracer: &str, sensor: &str) -> Result<Launch, String> {
         "namespace = \"m\"\nmachine = \"m.toml\"\nnodes = [\"scale\", \"tracer\", \"geometric\"]\nmax_covariate_age_s = 1.0\n\
          wait_for_subscribers_s = 1.0\n[scale]\npace = \"as_they_come\"\n[scale.driver]\n{scale}[tracer]\n\
          pace = \"as_they_come\"\n[tracer.driver]\n{tracer}[[covariates]]\n{sensor}\
-         [[edges]]\nfrom = \"scale\"\nto = \"geometric\"\ntransport = \"shared-memory\"\n"
+         [[edges]]\nfrom = \"scale\"\nto = \"geometric\"\ntransport = \"shared-memory\"\n\
+         [[edges]]\nfrom = \"tracer\"\nto = \"user\"\ntransport = \"shared-memory\"\n\
+         [[edges]]\nfrom = \"geometric\"\nto = \"user\"\ntransport = \"shared-memory\"\n"
     );
     Launch::parse(&text, Path::new("launch.toml")).map_err(|error| error.to_string())
 }

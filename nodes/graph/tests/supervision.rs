@@ -21,6 +21,11 @@ wait_for_subscribers_s = 5.0
 from = "scale"
 to = "geometric"
 transport = "shared-memory"
+
+[[edges]]
+from = "geometric"
+to = "user"
+transport = "shared-memory"
 "#;
 
 /// A graph of one node that is this script; `$life` counts its starts from 0, `$all` are its words.

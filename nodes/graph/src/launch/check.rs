@@ -284,7 +284,20 @@ impl Launch {
                 let problem = format!("{} is started but has no edge from {}", node.name(), input.name());
                 return Err(LaunchError::Value { file: path.to_owned(), key: "edges".to_owned(), problem });
             }
+            if let Some(problem) = self.problem_of_output(*node) {
+                return Err(LaunchError::Value { file: path.to_owned(), key: "edges".to_owned(), problem });
+            }
         }
         Ok(())
+    }
+
+    /// What is wrong where nobody takes what a node is there to give. The monitor also tells on `/diagnostics`, and the
+    /// recorder gives nothing.
+    fn problem_of_output(&self, node: NodeName) -> Option<String> {
+        let gives = !matches!(node, NodeName::Monitor | NodeName::Recorder);
+        let taker = NodeName::ALL.into_iter().find(|taker| taker.needs().contains(&node));
+        let taker = taker.filter(|_| gives && self.publishes_over(node).is_empty())?;
+        let (node, taker) = (node.name(), taker.name());
+        Some(format!("{node} is started but has no edge from it; add one to {taker}, user or *"))
     }
 }
