@@ -106,6 +106,7 @@ fn val_cyclone_a_controller_on_ros_2_is_corrected_and_what_is_no_reading_is_refu
                 "outside its own",
             ],
         );
+        assert!(!errors.contains("lost on the way"), "what was refused did arrive: {errors}");
         let summary = |node: &str| {
             let of_node = |line: &&str| line.starts_with('{') && line.contains(&format!("\"node\":\"{node}\""));
             let line = summaries.lines().find(of_node).unwrap();

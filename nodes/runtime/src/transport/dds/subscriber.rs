@@ -12,7 +12,7 @@ use ros2_client::{ReadError, Subscription};
 
 use crate::ros::{RosNode, TopicEnd, overridden, stream_qos};
 use crate::transport::deadline::Deadline;
-use crate::transport::losses::{Arrival, Losses};
+use crate::transport::losses::{Arrival, Losses, Refusals};
 use crate::transport::shared_memory::SampleOrigin;
 use crate::transport::{Subscribe, TransportError, TransportKind};
 
@@ -30,6 +30,7 @@ pub struct DdsSubscriber<M: Message, R: RosType = <M as Message>::Ros> {
     poll: Poll,
     events: Events,
     losses: Losses,
+    refusals: Refusals,
     /// Found while waiting, not yet taken.
     waiting: Option<Taken<M>>,
     // Last: the node leaves the graph after its endpoints.
@@ -70,6 +71,7 @@ impl<M: Message, R: RosType> DdsSubscriber<M, R> {
             poll,
             events: Events::with_capacity(1),
             losses: Losses::default(),
+            refusals: Refusals::default(),
             waiting: None,
             _node: node.clone(),
         })
@@ -92,6 +94,10 @@ impl<M: Message, R: RosType> DdsSubscriber<M, R> {
             match self.losses.judge(source, number) {
                 Arrival::New => {
                     let checked = self.checked(message);
+                    if checked.is_err() {
+                        self.refusals.note(source);
+                    }
+                    let number = self.refusals.number(source, number);
                     return Ok(Some(checked.map(|sample| (sample, SampleOrigin { source, number }))));
                 }
                 Arrival::Repeated => {}
