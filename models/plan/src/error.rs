@@ -37,9 +37,9 @@ pub enum PlanError {
     },
     /// No plan reaches the uncertainty.
     #[error(
-        "goal.uncertainty_um: no plan found reaches {:.3} um{}; the best has {:.3} um, in {:.2} h with {stations} stations and \
-         {lines} lines: ask for no less, allow more time, or add stands, holders or levels", .wanted_m * 1e6, within(*.budget_s),
-        .best_m * 1e6, .time_s / 3600.0
+        "goal.uncertainty_um: no plan found reaches {:.3} um{}; the best has {:.3} um{}, in {:.2} h with {stations} stations and \
+         {lines} lines: {}", .wanted_m * 1e6, within(*.budget_s), .best_m * 1e6, of_which(*.common_m), .time_s / 3600.0,
+        remedy(*.wanted_m, *.common_m)
     )]
     Unreached {
         /// What was wanted (m).
@@ -48,6 +48,8 @@ pub enum PlanError {
         budget_s: Option<f64>,
         /// What the best plan reaches (m).
         best_m: f64,
+        /// What of it the common scale of the instrument makes (m).
+        common_m: f64,
         /// Its time (s).
         time_s: f64,
         /// Its stations.
@@ -71,4 +73,23 @@ pub enum PlanError {
 
 fn within(budget_s: Option<f64>) -> String {
     budget_s.map_or_else(String::new, |s| format!(" within {:.2} h", s / 3600.0))
+}
+
+fn of_which(common_m: f64) -> String {
+    match common_m > 0.0 {
+        true => format!(
+            " (of which {:.3} um, in squares, are the scale that all lengths of the instrument have in common, [instrument] \
+             u_k2_common_um_per_m, which no plan makes smaller)",
+            common_m * 1e6
+        ),
+        false => String::new(),
+    }
+}
+
+/// What to do: neither time nor stands help where the instrument's scale alone is more than what is wanted.
+fn remedy(wanted_m: f64, common_m: f64) -> &'static str {
+    match common_m >= wanted_m {
+        true => "ask for more than that scale makes, or measure with an instrument whose scale is known better",
+        false => "ask for no less, allow more time, or add stands, holders or levels",
+    }
 }

@@ -180,6 +180,7 @@ impl<'a> Planner<'a> {
                 wanted_m,
                 budget_s: goal.budget_s,
                 best_m: plan.promise.u_m,
+                common_m: common_m(self.request, &plan)?,
                 time_s: plan.time_s,
                 stations: plan.stations.len(),
                 lines: plan.lines.len(),
@@ -475,6 +476,19 @@ impl Path {
 fn known<'a>(request: &'a Request, belief: &'a Belief, misfit: (f64, [f64; 3])) -> Known<'a> {
     let Request { machine, instrument, options, .. } = request;
     Known { machine, instrument: *instrument, options, belief, misfit }
+}
+
+/// What of a plan's uncertainty the scale makes that all lengths of the instrument have in common (m).
+fn common_m(request: &Request, plan: &Plan) -> Result<f64, PlanError> {
+    if request.instrument.common_per_metre == 0.0 {
+        return Ok(0.0);
+    }
+    let new: Vec<StationStart> = plan.stations.iter().map(|s| start(s.position_m)).collect();
+    let (campaign, stations, misfit) = with_measured(request, &plan.nominal, new);
+    let mut without = known(request, &request.belief, misfit);
+    without.instrument.common_per_metre = 0.0;
+    let rest_m = promise::rms_m(without, (&campaign, &stations), &request.volume_m, &request.tips_m)?;
+    Ok((plan.promise.u_m.powi(2) - rest_m.powi(2)).max(0.0).sqrt())
 }
 
 fn start(position_m: [f64; 3]) -> StationStart {

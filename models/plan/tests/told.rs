@@ -136,6 +136,20 @@ fn an_uncertainty_is_reached_in_less_time_than_its_half_or_the_best_is_named() {
     }
 }
 
+/// More time and more stands were advised where the scale that all lengths have in common was more than what was wanted.
+#[test]
+fn regress_a_goal_below_the_common_scale_of_the_instrument_names_the_scale() {
+    let mut request = request(bridge, Goal { uncertainty_m: Some(0.56e-6), budget_s: None });
+    request.instrument.common_per_metre = 3e-6;
+    request.lines.levels = 3;
+    let error = plan(&request, &mut |_| true).unwrap_err();
+    let said = error.to_string();
+    let PlanError::Unreached { wanted_m, best_m, common_m, .. } = error else { panic!("{said}") };
+    assert!(common_m > wanted_m && common_m < best_m, "{said}");
+    assert!(said.contains("u_k2_common_um_per_m, which no plan makes smaller"), "{said}");
+    assert!(said.contains("whose scale is known better") && !said.contains("more time"), "{said}");
+}
+
 #[test]
 fn the_same_request_gives_the_same_plan_and_a_stop_keeps_the_best_so_far() {
     let mut request = request(bridge, SHORT);

@@ -170,3 +170,19 @@ fn regress_a_gain_of_the_readings_is_not_sold_as_one_of_coordinates() {
     assert!(words(&[false]).contains("coordinates gain nothing"), "{}", words(&[false]));
     assert!(words(&[true, false]).contains("gain by what corrects alone"), "{}", words(&[true, false]));
 }
+
+/// A stand that had jumped was set aside, and the first sentence said that no effect was missing.
+#[test]
+fn regress_finer_error_functions_beside_what_was_set_aside_do_not_say_that_nothing_is_missing() {
+    let finer = || Record { enriched: true, ..clean() };
+    assert!(finer().words().starts_with("No effect is missing."), "{}", finer().words());
+    let jump = SetAside {
+        name: "stand_jump".into(),
+        title: "jump of the stand".into(),
+        shape: BTreeMap::new(),
+        because: "lines left out are not predicted better beyond chance".into(),
+    };
+    let words = Record { set_aside: vec![jump], ..finer() }.words();
+    assert!(words.starts_with("No effect was adopted. Set aside"), "{words}");
+    assert!(words.contains("geometry, unless it is what was set aside"), "{words}");
+}

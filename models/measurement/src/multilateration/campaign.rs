@@ -204,12 +204,9 @@ fn of_network(names: &[String], why: NetworkError, left_out: Option<LeftOut>) ->
 
 fn check(campaign: &Campaign, options: &MultilaterationOptions) -> Result<(), Problem> {
     let above_zero = |value: f64| value.is_finite() && value > 0.0;
-    let constant = options.instrument.constant_m;
-    let RangeUncertainty { per_metre: proportional, common_per_metre: common, .. } = options.instrument;
-    if !(constant.is_finite() && constant >= 0.0 && proportional.is_finite() && proportional >= 0.0)
-        || !(common.is_finite() && common >= 0.0)
-        || constant + proportional <= 0.0
-    {
+    let RangeUncertainty { constant_m, per_metre, common_per_metre } = options.instrument;
+    let is_size = |value: f64| value.is_finite() && value >= 0.0;
+    if ![constant_m, per_metre, common_per_metre].into_iter().all(is_size) || constant_m + per_metre <= 0.0 {
         return Err(Problem::Option("the instrument's uncertainty"));
     }
     if options.pair_limit_m.is_some_and(|limit_m| !above_zero(limit_m)) {

@@ -19,9 +19,16 @@ impl Record {
         sentences.extend(self.set_aside_words());
         if self.enriched {
             sentences.push(
-                "The error functions had too few coefficients and got more; what that explains is geometry, not an \
-                 effect."
-                    .to_owned(),
+                match self.set_aside.is_empty() {
+                    true => {
+                        "The error functions had too few coefficients and got more; what that explains is geometry, not an effect."
+                    }
+                    false => {
+                        "The error functions had too few coefficients and got more; what that explains is geometry, unless it is what \
+                         was set aside."
+                    }
+                }
+                .to_owned(),
             );
         }
         if !self.effects.is_empty() || self.enriched {
@@ -71,7 +78,10 @@ impl Record {
             return format!("The model lacks: {}.", list.join("; "));
         }
         if self.enriched {
-            return "No effect is missing.".to_owned();
+            return match self.set_aside.is_empty() {
+                true => "No effect is missing.".to_owned(),
+                false => "No effect was adopted.".to_owned(),
+            };
         }
         let found = &self.detection.before;
         match found.p_declared.filter(|p_value| *p_value < UNDECLARED).and(found.chi2_per_dof) {
