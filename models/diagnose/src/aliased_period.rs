@@ -46,6 +46,7 @@ pub(crate) enum Period {
 #[derive(Debug, Clone)]
 pub(crate) struct OpenWave {
     axis: Axis,
+    stroke_m: f64,
     /// What each of them would do at most (m).
     amplitude_m: f64,
     /// Periods that explain as much, the longest first (m).
@@ -80,12 +81,11 @@ pub(crate) fn period(
     let highest = all.iter().map(|c| c.score.reduction).fold(0.0, f64::max);
     all.retain(|c| c.score.reduction > highest - AS_GOOD);
     all.sort_by(|a, b| period_m(b).total_cmp(&period_m(a)));
-    let is_other = |c: &&Candidate| (period_m(c).recip() - period_m(&all[0]).recip()).abs() * stroke_m > 1.0;
-    if all.iter().any(|c| is_other(&c)) {
+    if all.iter().any(|c| !are_one(period_m(c), period_m(&all[0]), stroke_m)) {
         let amplitude_m = all.iter().map(|c| c.score.estimate.iter().fold(0.0, |sum: f64, part| sum.hypot(*part)));
         let amplitude_m = amplitude_m.fold(0.0, f64::max);
         let periods_m = all.iter().map(period_m).collect();
-        return Ok(Period::Open(OpenWave { axis, amplitude_m, periods_m, term: candidate.term }));
+        return Ok(Period::Open(OpenWave { axis, stroke_m, amplitude_m, periods_m, term: candidate.term }));
     }
     // Of one peak the highest place.
     Ok(all
@@ -108,9 +108,21 @@ impl OpenWave {
         )
     }
 
+    /// Whether another is this one, proposed again.
+    pub(crate) fn is(&self, other: &OpenWave) -> bool {
+        self.axis == other.axis && other.periods_m.iter().any(|period_m| self.may_have(*period_m))
+    }
+
+    fn may_have(&self, period_m: f64) -> bool {
+        self.periods_m.iter().any(|own_m| are_one(*own_m, period_m, self.stroke_m))
+    }
+
     /// The model with the mean square of the wave in its uncertainty, unless an effect of it has found the wave since.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let is_found = |shape: &Shape| axis_of_wave(shape) == Some(self.axis);
+        let is_found = |shape: &Shape| {
+            let own = matches!(shape.0.get(PERIOD), Some(ShapeValue::Number(period_m)) if self.may_have(*period_m));
+            own && axis_of_wave(shape) == Some(self.axis)
+        };
         if model.parts().effects.iter().any(|fitted| is_found(&fitted.shape)) {
             return Ok(model);
         }
@@ -128,6 +140,11 @@ fn axis_of_wave(shape: &Shape) -> Option<Axis> {
         return None;
     };
     Axis::ALL.into_iter().find(|own| own.lower() == axis)
+}
+
+/// Whether two periods are one to a stroke: places within a wave of each other all along it.
+fn are_one(a_m: f64, b_m: f64, stroke_m: f64) -> bool {
+    (a_m.recip() - b_m.recip()).abs() * stroke_m <= 1.0
 }
 
 /// Frequencies (1/m) that equal steps take for this one, the lowest first.
@@ -158,4 +175,62 @@ fn steps_m(campaign: &Campaign, axis: Axis) -> Vec<f64> {
     let mut same: Vec<&[f64]> = all.chunk_by(|a, b| b - a < SAME_STEP * a).collect();
     same.sort_by_key(|steps| std::cmp::Reverse(steps.len()));
     same.into_iter().take(STEPS).map(|steps| steps.iter().sum::<f64>() / steps.len() as f64).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::machine;
+
+    fn wave(axis: Axis, periods_m: &[f64]) -> OpenWave {
+        let shape = Shape::new().text("axis", axis.lower()).number(PERIOD, periods_m[0]);
+        let term = EffectTerm::new("periodic_scale", shape, &machine()).unwrap();
+        OpenWave { axis, stroke_m: 0.6, amplitude_m: 1e-6, periods_m: periods_m.to_vec(), term }
+    }
+
+    #[test]
+    fn a_wave_is_known_again_by_its_axis_and_any_of_its_periods() {
+        let known = wave(Axis::Y, &[4e-3, 0.2e-3]);
+        assert!(known.is(&wave(Axis::Y, &[4.01e-3])) && known.is(&wave(Axis::Y, &[0.07e-3, 0.2e-3])));
+        assert!(!known.is(&wave(Axis::X, &[4e-3])) && !known.is(&wave(Axis::Y, &[5e-3])));
+    }
+
+    #[test]
+    fn equal_steps_take_these_frequencies_for_each_other() {
+        let alike = alike(250.0, &[0.024], 0.6);
+        let reads_alike = |f: &f64| {
+            let turns = [(f - 250.0) * 0.024, (f + 250.0) * 0.024];
+            turns.iter().any(|turns| (turns - turns.round()).abs() < 1e-9)
+        };
+        assert!(alike.iter().all(reads_alike));
+        assert!(alike.windows(2).all(|pair| pair[0] <= pair[1]) && alike.len() > 1000 && alike[0] > 1.0 / 0.6);
+    }
+
+    #[test]
+    fn steps_are_those_of_lines_that_are_even_the_commonest_first() {
+        let line = |number: u32, at_mm: &[f64]| -> Vec<RangeReading> {
+            let reading = |x: &f64| RangeReading {
+                station: 0,
+                line: number,
+                time_s: 0.0,
+                reading_m: [x * 1e-3, 0.0, 0.0],
+                offset_m: [0.0; 3],
+                length_m: 0.0,
+            };
+            at_mm.iter().map(reading).collect()
+        };
+        let lines = [
+            line(0, &[0.0, 24.0, 48.0, 72.0]),
+            line(1, &[90.0, 66.0, 42.0, 18.0]),
+            line(2, &[0.0, 30.0, 60.0, 90.0]),
+            line(3, &[0.0, 24.0, 60.0, 72.0]),
+            line(4, &[5.0, 5.0, 5.0, 5.0]),
+            line(5, &[0.0, 24.0]),
+        ];
+        let campaign = Campaign { readings: lines.concat(), ..Campaign::default() };
+        let steps = steps_m(&campaign, Axis::X);
+        assert_eq!(steps.len(), 2);
+        assert!((steps[0] - 0.024).abs() < 1e-12 && (steps[1] - 0.03).abs() < 1e-12, "{steps:?}");
+        assert_eq!(steps_m(&campaign, Axis::Y), Vec::<f64>::new());
+    }
 }

@@ -62,8 +62,7 @@ pub(crate) struct State<'a> {
     pub(crate) order_settled: bool,
     /// Terms that others made superfluous: not tried again, nor with other figures.
     pub(crate) refused: Vec<EffectTerm>,
-    /// Terms that could not be fitted beside what the model has now, or did not pass the gate: not tried again until the
-    /// model has changed.
+    /// Terms that could not be fitted beside what the model has now, or did not pass the gate: not tried again until it has changed.
     pub(crate) set_aside: Vec<EffectTerm>,
     /// Waves whose period the data do not tell.
     pub(crate) open_waves: Vec<OpenWave>,
@@ -466,11 +465,12 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Whether what an error function lacks is abrupt: an effect that no coefficients follow explains as much as finer splines, which
-    /// round it off. Their misfit is taken out of all candidates once the order is settled, and the effect with it.
+    /// Whether what an error function lacks is abrupt: what no coefficients follow explains as much as finer splines, which round it off, and
+    /// whose misfit is taken out of all candidates then. What happened once does so also where the gate has set it aside.
     fn is_abrupt(&self, named: &[Candidate], state: &State, (finer, rows, tests): (&Score, usize, usize)) -> bool {
         named.iter().any(|c| {
-            let is_open = c.term.effect.is_abrupt() && !state.is_out(&c.term);
+            let (effect, is_there) = (&c.term.effect, has(&state.terms, &c.term));
+            let is_open = effect.is_abrupt() && !state.is_out(&c.term) || effect.happens_once() && !is_there;
             is_open && c.score.reduction >= finer.reduction && self.passes(c.score.p_value, tests, c.evidence(rows))
         })
     }

@@ -85,6 +85,8 @@ impl State<'_> {
             Period::Open(wave) => {
                 self.set_aside.push(wave.term.clone());
                 self.steps.push(Step::set_aside(wave.term.clone(), wave.because()));
+                // Whenever the model has changed, it is looked at anew.
+                self.open_waves.retain(|known| !known.is(&wave));
                 self.open_waves.push(wave);
                 None
             }

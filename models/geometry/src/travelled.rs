@@ -5,7 +5,7 @@
 //! that follows over 12 mm: −1 to 1, and nearly all of it after three times that travel in one direction.
 //! Formula: λ dz/ds = sign(dx) − z, s the travel without its sign (Dahl's friction). Nobody read what was before the first reading:
 //! z begins at 0, and has forgotten it after 3 λ of travel. Where the logged side of a reading is not that of its step, the axis went
-//! further and came back, how far nobody read either: z begins anew. Readings in m; names in µm.
+//! further and came back, how far nobody read either: z begins anew at that side. Readings in m; names in µm.
 //! Source: Dahl, "A solid friction model", Aerospace Corporation TOR-158(3107-18)-1, 1968.
 
 use crate::axis::Axis;

@@ -14,7 +14,7 @@ use crate::normal::residuals;
 use crate::range_correlation::RangeCorrelation;
 use crate::term::{EffectTerm, Reads};
 use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
-use abbe_geometry::model::{MachineModel, packed};
+use abbe_geometry::model::MachineModel;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -60,8 +60,7 @@ impl<'a> Rows<'a> {
         let free: Vec<usize> = (0..parameters.len()).filter(|k| model.covariance(*k, *k) > 0.0).collect();
         let scale = fit.evidence.chi2_per_dof.max(1.0);
         // That of the solve alone: what a fit takes of expansions and scales that nobody saw is no knowledge of these rows.
-        let of_rows = |i: usize, j: usize| parts.covariance[packed(free[i], free[j])] / scale;
-        let covariance = Mat::from_fn(free.len(), free.len(), of_rows);
+        let covariance = Mat::from_fn(free.len(), free.len(), |i, j| model.covariance(free[i], free[j]) / scale);
         let count = campaign.readings.len();
         let whitening: Vec<f64> = fit.u_m.iter().zip(&fit.weights).map(|(u_m, weight)| weight.sqrt() / u_m).collect();
         let whitener = fit.correlation.map(|correlation| correlation.whitener(campaign, &fit.weights));

@@ -45,6 +45,11 @@ pub struct PointRow {
 }
 
 impl PointRow {
+    /// All cells, as they stand in the file.
+    pub fn cells(&self) -> impl Iterator<Item = &[u8]> {
+        self.cells.iter()
+    }
+
     /// Line in the file.
     pub fn line(&self) -> u64 {
         self.line

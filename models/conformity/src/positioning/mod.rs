@@ -88,8 +88,8 @@ pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, Conf
         let problem = format!("the targets span {:.4} mm, which is no travel of an axis", travel_m * 1e3);
         return Err(ConformityError::new(place, problem, "multiply the positions by 1000 if they are metres"));
     }
-    let is_long = travel_m > LONGEST_M;
-    let targets = grouped.iter().map(|group| figures::target(&place, group, is_long)).collect::<Result<Vec<_>, _>>()?;
+    let targets =
+        grouped.iter().map(|group| figures::target(&place, group, is_long(travel_m))).collect::<Result<Vec<_>, _>>()?;
     let departures = departures(&place, &grouped);
     Ok(figures::axis(axis, targets, departures))
 }
@@ -141,11 +141,16 @@ fn travel_m(groups: &[Group]) -> f64 {
     groups.last().map_or(0.0, |last| last.target_m) - groups.first().map_or(0.0, |first| first.target_m)
 }
 
+/// Whether one approach from each direction is enough. Two metres that begin elsewhere than at zero are still two metres.
+fn is_long(travel_m: f64) -> bool {
+    travel_m > LONGEST_M + SAME_TARGET_M
+}
+
 fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
     let mut found = Vec::new();
     let travel_m = travel_m(groups);
     // Rounding of a travel of whole metres must not ask for one target more.
-    let asked = match travel_m > LONGEST_M {
+    let asked = match is_long(travel_m) {
         true => 1 + (travel_m / LONG_STEP_M).round() as usize,
         false => TARGETS.max((TARGETS_PER_METRE * travel_m - 1e-9).ceil() as usize),
     };
@@ -153,7 +158,7 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
         let text = format!("{asked} targets are asked for on {:.0} mm, there are {}", travel_m * 1e3, groups.len());
         found.push(Departure::new(place, text));
     }
-    let (approaches, times) = if travel_m > LONGEST_M { (1, "once") } else { (APPROACHES, "5 times") };
+    let (approaches, times) = if is_long(travel_m) { (1, "once") } else { (APPROACHES, "5 times") };
     let few = groups.iter().filter(|g| g.up_m.len().min(g.down_m.len()) < approaches).count();
     if few > 0 {
         let text = format!("{few} of {} targets were approached fewer than {times} from each direction", groups.len());

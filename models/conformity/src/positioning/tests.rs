@@ -125,6 +125,11 @@ fn on_more_than_two_metres_one_approach_from_each_direction_gives_b_e_and_m() {
     assert!(told[0].contains("13 targets are asked for on 3016 mm, there are 11"), "{told:?}");
     let one_more: Vec<Approach> = once.iter().copied().chain([approach(3, Direction::Up, 2)]).collect();
     assert_eq!(evaluate("X", &one_more).unwrap().repeatability_up_m, None);
+    // Two metres that begin at 1.4 mm are 4e-16 longer than two, and no longer axis.
+    let two = |target_m: f64| [1, 2].map(|cycle| Approach { target_m, cycle, ..once[0] });
+    let two_metres: Vec<Approach> = [0.0014, 1.0, 2.0014].into_iter().flat_map(two).collect();
+    let told = evaluate("X", &two_metres).unwrap().departures;
+    assert!(told.iter().any(|d| d.text.contains("10 targets are asked for")), "{told:?}");
     // On up to 2 m once is not enough.
     let short: Vec<Approach> = once.iter().copied().filter(|a| a.target_m < 1.9).collect();
     assert!(evaluate("X", &short).unwrap_err().to_string().contains("one approach has no scatter"));

@@ -8,7 +8,7 @@ use abbe_identify::symmetric_eigen;
 use faer::Mat;
 
 /// Share of what a column tells alone below which a combination of columns is rounding.
-const ROUNDING: f64 = 1e-10;
+const ROUNDING: f64 = 1e-8;
 
 /// The combinations (columns, over the rows that are the columns given) that keep more than this share of what each tells alone; `left`
 /// is the information beside what is there already, `alone` that without it.

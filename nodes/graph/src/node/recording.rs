@@ -156,17 +156,14 @@ fn numbered(bag: &Path, number: u64) -> PathBuf {
     }
 }
 
-/// Removes a bag of this process; a folder in which others have put something stays with that.
+/// Removes a bag of this process with the one file that it has; a folder in which others have put something stays with that.
 fn remove_bag(path: &Path) -> std::io::Result<()> {
     if path.is_file() {
         return fs::remove_file(path);
     }
-    for entry in fs::read_dir(path)? {
-        let file = entry?.path();
-        if file.extension().is_some_and(|extension| extension == "mcap") || file.ends_with("metadata.yaml") {
-            fs::remove_file(file)?;
-        }
-    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    fs::remove_file(path.join(format!("{name}_0.mcap")))?;
+    fs::remove_file(path.join("metadata.yaml"))?;
     fs::remove_dir(path)
 }
 
@@ -359,9 +356,10 @@ mod tests {
         }
         let bag = folder.path().join("run");
         let recording = Recording::start_beside(&bag, &RecordConfig::new(&bag)).unwrap().unwrap();
-        fs::write(bag.join("notes.txt"), "mine").unwrap();
+        let mine = ["notes.txt", "keep.mcap"].map(|name| bag.join(name));
+        mine.iter().for_each(|own| fs::write(own, "mine").unwrap());
         recording.finish_unless_empty().unwrap();
-        assert_eq!(fs::read_to_string(bag.join("notes.txt")).unwrap(), "mine");
+        mine.iter().for_each(|own| assert_eq!(fs::read_to_string(own).unwrap(), "mine"));
     }
 
     #[test]

@@ -61,8 +61,8 @@ impl DerivedLags {
             }
         }
         for (name, travel) in &mut self.sides {
-            let logged = covariates.get(travel.logged_side()).map(|side| side.value);
-            let Some(now) = travel.push(reading.reading_m, logged) else { continue };
+            // A stream is read all the way; its logged side turns later, once the axis has surely turned.
+            let Some(now) = travel.push(reading.reading_m, None) else { continue };
             if now.is_settled && covariates.get(name).is_none() {
                 refused.extend(covariates.push(name, now.side, 0.0).err());
             }

@@ -117,7 +117,8 @@ impl Calls {
 }
 
 fn closed() -> TriggerOutcome {
-    Err("the node is being cleaned up; configure it, then call again".to_owned())
+    Err("the node closes this service, since it is being cleaned up or stops; call again once it is configured"
+        .to_owned())
 }
 
 fn silence() -> TriggerOutcome {
@@ -169,7 +170,7 @@ mod tests {
         });
         closed.recv_timeout(PATIENCE).expect("the gateway's loop hangs");
         let first = answers.recv().unwrap().unwrap_err();
-        assert!(first.contains("the node is being cleaned up; configure it"), "{first}");
+        assert!(first.contains("it is being cleaned up or stops"), "{first}");
         assert!(other_answers.try_recv().is_err(), "the caller of another service still waits");
         calls.clear();
         let left = other_answers.recv_timeout(PATIENCE).expect("a caller waits for a gateway that leaves");
