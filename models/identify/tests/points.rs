@@ -273,7 +273,8 @@ fn points_that_cannot_see_an_error_are_refused_with_its_name() {
         let mut points = all.clone();
         points.iter_mut().for_each(|p| {
             change(p);
-            p.actual_m = Vector3::from(p.reading_m) + Vector3::from(p.offset_m);
+            // In a frame of its own: where the scales say it would be a copy.
+            p.actual_m = Vector3::from(p.reading_m) + Vector3::from(p.offset_m) + Vector3::new(1.0, 0.0, 0.0);
         });
         refusal(&points)
     };
