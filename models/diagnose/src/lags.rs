@@ -11,7 +11,9 @@ use crate::error::DiagnoseError;
 use crate::look::correlation;
 use crate::score::Score;
 use abbe_geometry::Axis;
-use abbe_geometry::effects::{Shape, ShapeValue, is_derived, lagged_name, of_lagged, of_travelled, travelled_name};
+use abbe_geometry::effects::{
+    Shape, ShapeValue, is_derived, lagged_name, logged_side, of_lagged, of_travelled, travelled_name,
+};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, with_lagged};
 use abbe_measurement::campaign::{Campaign, Covariate};
@@ -108,7 +110,7 @@ pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
     if let Some((axis, travel)) = of_travelled(&column.name) {
         // Where every way after a reversal was long, the side over a travel is the logged side.
         return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel)
-            && campaign.covariate(&logged_side(axis)).is_none_or(differs);
+            && campaign.covariate(logged_side(axis)).is_none_or(differs);
     }
     let Some((logged, lag)) = of_lagged(&column.name) else { return true };
     let is_coarse = lag > 0 && step_of(lag).is_some_and(|step| step % COARSE == FIRST);
@@ -155,7 +157,7 @@ pub(crate) fn logged_side_instead<'c>(
     let side = |c: &Candidate| c.term.effect.reads().iter().find_map(|name| of_travelled(name)).map(|(axis, _)| axis);
     let Some(axis) = side(best) else { return best };
     let logged = logged_side(axis);
-    let alike = open.filter(|c| c.term.effect.reads() == [logged.as_str()]);
+    let alike = open.filter(|c| c.term.effect.reads() == [logged]);
     let logged = alike.max_by(|a, b| a.evidence(rows).total_cmp(&b.evidence(rows)));
     logged.filter(|logged| logged.evidence(rows) + least_evidence > best.evidence(rows)).unwrap_or(best)
 }
@@ -164,14 +166,9 @@ pub(crate) fn logged_side_instead<'c>(
 pub(crate) fn logged_of(name: &str) -> String {
     match (of_lagged(name), of_travelled(name)) {
         (Some((logged, _)), _) => logged,
-        (_, Some((axis, _))) => logged_side(axis),
+        (_, Some((axis, _))) => logged_side(axis).to_owned(),
         (None, None) => name.to_owned(),
     }
-}
-
-/// Name of the logged side of approach of an axis.
-fn logged_side(axis: Axis) -> String {
-    format!("dir_{}", axis.lower())
 }
 
 /// Moves the derived quantities of a candidate along the ladder, all alike, to where they explain most.

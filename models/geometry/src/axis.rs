@@ -44,6 +44,11 @@ impl Axis {
         Axis::ALL.into_iter().find(|axis| axis.letter() == letter)
     }
 
+    /// Axis of that name, lower case.
+    pub fn from_lower(name: &str) -> Option<Axis> {
+        Axis::ALL.into_iter().find(|axis| axis.lower() == name)
+    }
+
     /// Unit vector of the nominal axis direction in the machine frame.
     pub fn direction(self) -> Vector3<f64> {
         Vector3::ith(self.index(), 1.0)

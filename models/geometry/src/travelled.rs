@@ -19,15 +19,20 @@ const SETTLES_M: f64 = 50e-6;
 /// Multiples of the travel after which 5 % of a wrong beginning are left.
 const SETTLED: f64 = 3.0;
 
+/// Name of the logged side of an axis: the sign of its last approach.
+pub const fn logged_side(axis: Axis) -> &'static str {
+    ["dir_x", "dir_y", "dir_z"][axis.index()]
+}
+
 /// The name of the side of an axis over a travel (µm).
 pub fn travelled_name(axis: Axis, travel_um: u32) -> String {
-    format!("dir_{}{MARK}{travel_um}um", axis.lower())
+    format!("{}{MARK}{travel_um}um", logged_side(axis))
 }
 
 /// The axis and the travel (µm, above zero) of such a name; `None` for any other.
 pub fn of_travelled(name: &str) -> Option<(Axis, u32)> {
     let (side, travel) = name.split_once(MARK)?;
-    let axis = Axis::ALL.into_iter().find(|axis| side.strip_prefix("dir_") == Some(axis.lower()))?;
+    let axis = Axis::ALL.into_iter().find(|axis| side == logged_side(*axis))?;
     let travel_um = travel.strip_suffix("um")?.parse().ok().filter(|travel_um| *travel_um > 0)?;
     // "+7um" and "007um" parse as well, and would be other names of the same.
     (travelled_name(axis, travel_um) == name).then_some((axis, travel_um))
@@ -66,7 +71,7 @@ impl Travel {
 
     /// Name of the logged side of the same axis.
     pub fn logged_side(&self) -> &'static str {
-        ["dir_x", "dir_y", "dir_z"][self.axis.index()]
+        logged_side(self.axis)
     }
 
     /// Takes the next reading and its logged side (−1 or 1, anything else says nothing); `None`, and everything as it was, where the reading

@@ -49,7 +49,7 @@ pub use source::{
 };
 
 pub use crate::lagged::{Lag, Lagged, lagged_name, of_lagged};
-pub use crate::travelled::{Travel, Travelled, of_travelled, travelled_name};
+pub use crate::travelled::{Travel, Travelled, logged_side, of_travelled, travelled_name};
 
 use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;

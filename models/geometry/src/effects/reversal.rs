@@ -9,7 +9,7 @@
 use super::empirical::legendre;
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, logged_side};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
 
@@ -26,7 +26,6 @@ pub(super) const KNOWN: Known = Known {
     propose,
     refine: None,
 };
-const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
 /// Terms of play that varies: a slope, and as curved as a worn or sagging guideway makes it. The constant has one.
 const TERMS: [f64; 3] = [2.0, 3.0, 5.0];
 /// Highest degree that makes sense on a stroke.
@@ -52,7 +51,7 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
 }
 
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let logged = Axis::ALL.into_iter().filter(|axis| observed.varies(SIGNS[axis.index()]));
+    let logged = Axis::ALL.into_iter().filter(|axis| observed.varies(logged_side(*axis)));
     let shapes = |axis: Axis| {
         let shape = move |over: Axis, terms: f64| {
             Shape::new().text("axis", axis.lower()).text("over", over.lower()).number("terms", terms)
@@ -69,7 +68,7 @@ impl Effect for Reversal {
     }
 
     fn covariates(&self) -> Vec<String> {
-        vec![SIGNS[self.axis.index()].to_owned()]
+        vec![logged_side(self.axis).to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -77,7 +76,7 @@ impl Effect for Reversal {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        let sign = state.covariate(SIGNS[self.axis.index()])?;
+        let sign = state.covariate(logged_side(self.axis))?;
         let (lower_m, upper_m) = self.stroke_m;
         let share = (state.reading_m[self.over.index()] - lower_m) / (upper_m - lower_m);
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));

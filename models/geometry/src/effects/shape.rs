@@ -181,8 +181,7 @@ impl<'a> Reader<'a> {
     /// An axis, `x`, `y` or `z`.
     pub(super) fn axis(&mut self, key: &'static str) -> Result<Axis, EffectError> {
         let text = self.text(key)?;
-        let axis = Axis::ALL.into_iter().find(|axis| axis.lower() == text);
-        axis.ok_or_else(|| self.wrong(key, "must be x, y or z"))
+        Axis::from_lower(text).ok_or_else(|| self.wrong(key, "must be x, y or z"))
     }
 
     /// Refuses entries that nobody asked for.

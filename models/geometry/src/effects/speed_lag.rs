@@ -6,7 +6,7 @@
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, logged_side};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
 
@@ -24,7 +24,6 @@ pub(super) const KNOWN: Known = Known {
     refine: None,
 };
 const SPEED: &str = "speed_mm_s";
-const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
 const M_PER_MM: f64 = 1e-3;
 
 #[derive(Debug)]
@@ -41,7 +40,7 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
 
 /// Only where the feed varies: at one feed it is a reversal.
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let approached = |axis: &Axis| observed.varies(SPEED) && observed.varies(SIGNS[axis.index()]);
+    let approached = |axis: &Axis| observed.varies(SPEED) && observed.varies(logged_side(*axis));
     Axis::ALL.into_iter().filter(approached).map(|axis| Shape::new().text("axis", axis.lower())).collect()
 }
 
@@ -51,7 +50,7 @@ impl Effect for SpeedLag {
     }
 
     fn covariates(&self) -> Vec<String> {
-        vec![SPEED.to_owned(), SIGNS[self.axis.index()].to_owned()]
+        vec![SPEED.to_owned(), logged_side(self.axis).to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -60,7 +59,7 @@ impl Effect for SpeedLag {
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let speed_m_s = state.covariate(SPEED)? * M_PER_MM;
-        let sign = state.covariate(SIGNS[self.axis.index()])?;
+        let sign = state.covariate(logged_side(self.axis))?;
         part(0, Acts::Error(ErrorId::linear(self.axis, self.axis)), -speed_m_s * sign);
         Ok(())
     }

@@ -15,6 +15,8 @@ use super::{DriverError, Role, ScaleDriver, config_name};
 use crate::connecting::stamp_of;
 use crate::link::{Link, LinkState};
 use abbe_files::MachineFile;
+use abbe_geometry::Axis;
+use abbe_geometry::effects::logged_side;
 use abbe_msgs::{Covariates, ScaleReading, Stamp};
 use abbe_runtime::Shutdown;
 use sample_clock::{Dated, SampleClock};
@@ -31,7 +33,6 @@ const PERIODS_S: (f64, f64) = (1e-5, 0.1);
 const LATEST_S: f64 = 0.25;
 /// Cells of a line: number, three positions, three homed, three speeds, feed.
 const CELLS: usize = 11;
-const DIRECTIONS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// A LinuxCNC, as launch configurations describe it.
@@ -216,7 +217,7 @@ impl Commanded {
     /// Names and values as effects read them, with the feed of now while it moves.
     fn covariates(&self, sample: &Sample) -> impl Iterator<Item = (&'static str, f64)> {
         let feed_m_s = if self.was_moving { Some(sample.feed_m_s.abs()) } else { self.feed_m_s };
-        let directions = DIRECTIONS.into_iter().zip(self.direction);
+        let directions = Axis::ALL.map(logged_side).into_iter().zip(self.direction);
         directions.filter_map(|(name, side)| Some((name, side?))).chain(feed_m_s.map(|m_s| ("speed_mm_s", m_s * 1e3)))
     }
 }

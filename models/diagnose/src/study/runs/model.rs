@@ -8,7 +8,7 @@ use super::shape::{Ranges, Shape, mean_grown};
 use crate::study::candidate::{Between, ModelTerm, Table};
 use crate::study::step::NO_PROPERTY;
 use abbe_geometry::Axis;
-use abbe_geometry::effects::Shape as ModelShape;
+use abbe_geometry::effects::{Shape as ModelShape, logged_side};
 use faer::Mat;
 use std::f64::consts::TAU;
 
@@ -29,7 +29,7 @@ pub(super) fn axis_of(name: &str) -> Option<Axis> {
 
 /// Covariate that holds the sign of approach.
 pub(super) fn sign_of(axis: Axis) -> String {
-    format!("dir_{}", axis.lower())
+    logged_side(axis).to_owned()
 }
 
 /// A shape of an axis as effects of a model; times less `start_s`.

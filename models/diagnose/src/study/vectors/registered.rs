@@ -40,7 +40,7 @@ impl Registered {
         let ShapeValue::Text(axis) = self.shape.0.get("axis").filter(|_| self.effect.name() == SCANNED)? else {
             return None;
         };
-        Axis::ALL.into_iter().find(|own| own.lower() == axis)
+        Axis::from_lower(axis)
     }
 
     /// Whether it reads the position and nothing else, and has a form of its own there.
