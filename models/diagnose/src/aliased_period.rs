@@ -11,7 +11,7 @@ use crate::periodic::{AS_GOOD, SHORTEST_M, period_m};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FitQuality, MachineModel, ModelError, ModelParts};
+use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::{Campaign, RangeReading};
 
@@ -61,10 +61,10 @@ pub(crate) fn period(
     (machine, campaign): (&Machine, &Campaign),
     candidate: Candidate,
 ) -> Result<Period, DiagnoseError> {
-    let Some(axis) = axis_of_wave(&candidate.term.shape) else { return Ok(Period::Told(candidate)) };
+    let Some((axis, period)) = wave_of(&candidate.term.shape) else { return Ok(Period::Told(candidate)) };
     let (lower_m, upper_m) = machine.stroke_m[axis.index()];
     let stroke_m = upper_m - lower_m;
-    let frequencies = alike(period_m(&candidate).recip(), &steps_m(campaign, axis), stroke_m);
+    let frequencies = alike(period.recip(), &steps_m(campaign, axis), stroke_m);
     let term = |frequency: &f64| {
         let shape = candidate.term.shape.clone().number(PERIOD, frequency.recip());
         Ok((candidate.known, EffectTerm::new(candidate.known.name, shape, machine)?, candidate.trials))
@@ -88,10 +88,8 @@ pub(crate) fn period(
         return Ok(Period::Open(OpenWave { axis, stroke_m, amplitude_m, periods_m, term: candidate.term }));
     }
     // Of one peak the highest place.
-    Ok(all
-        .into_iter()
-        .max_by(|a, b| a.score.reduction.total_cmp(&b.score.reduction))
-        .map_or(Period::Told(candidate), Period::Told))
+    let higher = |best: Candidate, c: Candidate| if c.score.reduction > best.score.reduction { c } else { best };
+    Ok(Period::Told(all.into_iter().fold(candidate, higher)))
 }
 
 impl OpenWave {
@@ -119,27 +117,26 @@ impl OpenWave {
 
     /// The model with the mean square of the wave in its uncertainty, unless an effect of it has found the wave since.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let is_found = |shape: &Shape| {
-            let own = matches!(shape.0.get(PERIOD), Some(ShapeValue::Number(period_m)) if self.may_have(*period_m));
-            own && axis_of_wave(shape) == Some(self.axis)
-        };
+        let is_found =
+            |shape: &Shape| wave_of(shape).is_some_and(|(axis, period_m)| axis == self.axis && self.may_have(period_m));
         if model.parts().effects.iter().any(|fitted| is_found(&fitted.shape)) {
             return Ok(model);
         }
-        let quality = model.parts().quality.clone();
-        let mut unexplained_m = quality.unexplained_m;
+        let mut unexplained_m = model.parts().quality.unexplained_m;
         let own_m = &mut unexplained_m[self.axis.index()];
         *own_m = own_m.hypot(self.amplitude_m / std::f64::consts::SQRT_2);
-        MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+        model.with_unexplained(unexplained_m)
     }
 }
 
-/// The axis of a wave; `None` for any other shape.
-fn axis_of_wave(shape: &Shape) -> Option<Axis> {
-    let (Some(ShapeValue::Number(_)), Some(ShapeValue::Text(axis))) = (shape.0.get(PERIOD), shape.0.get("axis")) else {
-        return None;
-    };
-    Axis::ALL.into_iter().find(|own| own.lower() == axis)
+/// The axis of a wave and its period (m); `None` for any other shape.
+fn wave_of(shape: &Shape) -> Option<(Axis, f64)> {
+    match (shape.0.get("axis"), shape.0.get(PERIOD)) {
+        (Some(ShapeValue::Text(axis)), Some(ShapeValue::Number(period_m))) => {
+            Some((Axis::from_lower(axis)?, *period_m))
+        }
+        _ => None,
+    }
 }
 
 /// Whether two periods are one to a stroke: places within a wave of each other all along it.

@@ -29,7 +29,7 @@ use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
+use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, unseen_expansions};
 use abbe_measurement::campaign::Campaign;
@@ -220,10 +220,9 @@ fn with_unexplained(
     unseen: Option<&Unseen>,
     floor_m: [f64; 3],
 ) -> Result<MachineModel, ModelError> {
-    let quality = model.parts().quality.clone();
+    let own_m = model.parts().quality.unexplained_m;
     let unseen_m = unseen.map_or([0.0; 3], |unseen| unseen.unexplained_m);
-    let unexplained_m = std::array::from_fn(|d| quality.unexplained_m[d].max(unseen_m[d]).max(floor_m[d]));
-    MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+    model.with_unexplained(std::array::from_fn(|d| own_m[d].max(unseen_m[d]).max(floor_m[d])))
 }
 
 /// What the data leave open of expansions. What is only a course in time may be one, and corrects nothing: beside it they look smaller than

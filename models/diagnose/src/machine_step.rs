@@ -24,7 +24,7 @@ use crate::linear::Linear;
 use crate::options::DiagnoseOptions;
 use crate::score::{Score, p_of};
 use abbe_geometry::Vector3;
-use abbe_geometry::model::{FitQuality, MachineModel, ModelError, ModelParts};
+use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 use std::sync::Arc;
@@ -105,9 +105,7 @@ impl MachineStep {
 
     /// The model with the step in the uncertainty of all that it corrects: before or after, it is wrong by as much.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let quality = model.parts().quality.clone();
-        let unexplained_m = quality.unexplained_m.map(|u_m| u_m.hypot(self.size_m));
-        MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+        model.with_unexplained(model.parts().quality.unexplained_m.map(|u_m| u_m.hypot(self.size_m)))
     }
 }
 

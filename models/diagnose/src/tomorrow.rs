@@ -52,10 +52,8 @@ pub(crate) fn told(
     });
     let doubted_m = squares.sum::<f64>().sqrt();
     let moved_m = zero_instead_m(&model, campaign, &is_found);
-    let mut parts = model.parts().clone();
-    let unexplained_m = parts.quality.unexplained_m;
-    parts.quality.unexplained_m = std::array::from_fn(|d| unexplained_m[d].hypot(doubted_m.max(moved_m[d])));
-    MachineModel::new(parts)
+    let unexplained_m = model.parts().quality.unexplained_m;
+    model.with_unexplained(std::array::from_fn(|d| unexplained_m[d].hypot(doubted_m.max(moved_m[d]))))
 }
 
 /// Standard deviation of the place of the machine's zero over the readings, along each axis (m), if it moved in the place of the stands: to a

@@ -258,6 +258,15 @@ impl MachineModel {
         MachineModel::new(ModelParts { quality, ..self.parts.clone() })
     }
 
+    /// The same with so much along X, Y and Z that neither it nor the declared noise explains (m).
+    ///
+    /// # Errors
+    /// None of a sound model.
+    pub fn with_unexplained(&self, unexplained_m: [f64; 3]) -> Result<MachineModel, ModelError> {
+        let quality = FitQuality { unexplained_m, ..self.parts.quality.clone() };
+        MachineModel::new(ModelParts { quality, ..self.parts.clone() })
+    }
+
     /// The parts, as stored.
     pub fn parts(&self) -> &ModelParts {
         &self.parts
