@@ -65,11 +65,12 @@ pub fn unseen_expansions(
     let is_logged = |column: &&Covariate| column.name.ends_with(TEMPERATURE) && !is_derived(&column.name);
     let logged: Vec<&Covariate> = campaign.covariates.iter().filter(is_logged).collect();
     let mut all = UnseenExpansions::default();
-    all.absorbed.extend(common_scale(fit, instrument, campaign));
     if logged.is_empty() {
+        all.absorbed.extend(common_scale(fit, instrument, campaign));
         return all;
     }
     let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
+    all.absorbed.extend(is_declared(instrument).then(|| asked.common_scale(instrument.common_per_metre)));
     let logged: Vec<Logged> = logged.into_iter().filter_map(|column| asked.logged(column)).collect();
     let unseen =
         |column: &Logged| UnseenExpansion { sensor: column.name.to_owned(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
@@ -94,13 +95,12 @@ pub fn unseen_expansions(
 /// By how much all parameters are off together, where all lengths are longer by one standard uncertainty of the scale that they have in
 /// common; `None` where none is declared.
 pub(crate) fn common_scale(fit: &Identified, instrument: RangeUncertainty, campaign: &Campaign) -> Option<Vec<f64>> {
-    let per_metre = Some(instrument.common_per_metre).filter(|u| *u > 0.0)?;
-    let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
-    let mut lengths_m = Mat::zeros(asked.rows.len(), 1);
-    asked.used().for_each(|k| lengths_m[(k, 0)] = campaign.readings[k].length_m);
-    asked.rows.whiten(lengths_m.col_as_slice_mut(0));
-    let reach = &asked.rows.covariance * (asked.rows.jacobian.transpose() * lengths_m);
-    Some(asked.of_all(|column| per_metre * reach[(column, 0)]))
+    let asked = || Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
+    is_declared(instrument).then(|| asked().common_scale(instrument.common_per_metre))
+}
+
+fn is_declared(instrument: RangeUncertainty) -> bool {
+    instrument.common_per_metre > 0.0
 }
 
 /// A temperature at each reading that counts (°C).
@@ -298,6 +298,15 @@ impl Asked<'_> {
         let covariance = [[c, -b], [-b, a]].map(|row| row.map(|value| value / determinant));
         let estimate = covariance.map(|row| (row[0] * gradient[0] + row[1] * gradient[1]) / factor);
         std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + estimate[i] * estimate[j]))
+    }
+
+    /// By how much all parameters are off together, where all lengths are longer by this scale.
+    fn common_scale(&self, per_metre: f64) -> Vec<f64> {
+        let mut lengths_m = Mat::zeros(self.rows.len(), 1);
+        self.used().for_each(|k| lengths_m[(k, 0)] = self.campaign.readings[k].length_m);
+        self.rows.whiten(lengths_m.col_as_slice_mut(0));
+        let reach = &self.rows.covariance * (self.rows.jacobian.transpose() * lengths_m);
+        self.of_all(|column| per_metre * reach[(column, 0)])
     }
 
     /// Values of the free parameters among those of all.
