@@ -2,10 +2,7 @@
 //!
 //! Place in the flow: asked once for each axis of a study of runs. Targets in keys of 1 nm, steps in m.
 
-/// Shortest distance at which a drive repeats (m).
-const SHORTEST_LEAD_M: f64 = 2e-3;
-/// Share of a wave by which targets may be off and still all show nearly the same of it.
-const SAME_PHASE: f64 = 0.03;
+use abbe_measurement::common_step;
 
 /// The distance of neighbouring targets where all are equal to a thousandth.
 pub(super) fn equal_step_m(targets: &[i64]) -> Option<f64> {
@@ -18,24 +15,7 @@ pub(super) fn equal_step_m(targets: &[i64]) -> Option<f64> {
 /// is shorter than any lead.
 pub(super) fn common_step_m(targets: &[i64]) -> Option<f64> {
     let from_first: Vec<f64> = targets.iter().map(|target| (target - targets[0]) as f64 * 1e-9).collect();
-    let steps: Vec<f64> = from_first.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let shortest_m = steps.iter().copied().reduce(f64::min)?;
-    let fitted = |about_m: f64| {
-        // Counted from step to step, so that little by little does not add up.
-        let counts: Vec<f64> = std::iter::once(0.0)
-            .chain(steps.iter().scan(0.0, |count, step_m| {
-                *count += (step_m / about_m).round();
-                Some(*count)
-            }))
-            .collect();
-        let (products, squares) =
-            counts.iter().zip(&from_first).fold((0.0, 0.0), |sums, (n, x_m)| (sums.0 + n * x_m, sums.1 + n * n));
-        let step_m = products / squares;
-        let off = |(n, x_m): (&f64, &f64)| (x_m / step_m - n).abs();
-        counts.iter().zip(&from_first).all(|both| off(both) < SAME_PHASE).then_some(step_m)
-    };
-    let parts = (1..).map(|part| shortest_m / f64::from(part)).take_while(|step_m| *step_m >= SHORTEST_LEAD_M);
-    parts.into_iter().find_map(fitted)
+    common_step::common_step_m(&from_first, 1.0)
 }
 
 #[cfg(test)]

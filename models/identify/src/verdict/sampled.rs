@@ -5,16 +5,14 @@
 //! (ISO 230-2, 5.3.1 asks for targets at unequal distances for the same reason).
 
 use super::{Cause, Finding, Grade, Subject};
+use abbe_measurement::common_step::common_step_m;
 
 /// Readings nearer than this (m) were taken at one place: machines stop that near to where they were sent.
 const PLACE_M: f64 = 0.2e-3;
 /// Fewest places that show a step, and readings that each place has on average where a plan goes back to its places.
 const PLACES: usize = 4;
 const READINGS: usize = 3;
-/// Shortest step (m) that a wave of a drive repeats within.
-const SHORTEST_M: f64 = 2e-3;
-/// Share of the step by which a place may be off, and share of the places that lie on it.
-const OFF: f64 = 0.03;
+/// Share of the places that lie on multiples of the step.
 const MOST: f64 = 0.9;
 
 /// The axes of these along which readings (m) lie at equal steps.
@@ -37,28 +35,7 @@ fn step(mut positions_m: Vec<f64>) -> Option<f64> {
     if places.len() < PLACES || places.len() * READINGS > positions_m.len() {
         return None;
     }
-    let shortest = places.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-    let parts = (1..).map(|part| shortest / f64::from(part)).take_while(|step| *step >= SHORTEST_M);
-    parts.into_iter().find_map(|about| on_multiples(&places, about))
-}
-
-/// The step near this one at whose multiples nearly all places lie.
-fn on_multiples(places: &[f64], about: f64) -> Option<f64> {
-    let first = places[0];
-    // Over the whole way the step is known better than from one gap, and little by little does not add up.
-    let mut step = about;
-    for at in &places[1..] {
-        let count = ((at - first) / step).round();
-        if count >= 1.0 && ((at - first) / step - count).abs() < OFF {
-            step = (at - first) / count;
-        }
-    }
-    let is_on = |at: &&f64| {
-        let steps = (**at - first) / step;
-        (steps - steps.round()).abs() < OFF
-    };
-    let on = places.iter().filter(is_on).count();
-    (on as f64 >= MOST * places.len() as f64).then_some(step)
+    common_step_m(&places, MOST)
 }
 
 #[cfg(test)]
