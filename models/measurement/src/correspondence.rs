@@ -51,15 +51,11 @@ impl Pair {
     }
 }
 
-/// The first pair that is a copy of an earlier one to the last digit, with that: places in the list, the earlier first. Readings repeated on
-/// the machine differ by its noise.
-pub fn copied(pairs: impl IntoIterator<Item = Pair>) -> Option<(usize, usize)> {
+/// The first row that is a copy of an earlier one, with that: places in the list, the earlier first. Readings repeated on the machine differ
+/// by its noise.
+pub fn copied<R: Ord>(rows: impl IntoIterator<Item = R>) -> Option<(usize, usize)> {
     let mut seen = BTreeMap::new();
-    pairs.into_iter().enumerate().find_map(|(k, pair)| {
-        let numbers = pair.reading_m.iter().chain(&pair.offset_m).chain(pair.actual_m.iter());
-        let bits: Vec<u64> = numbers.map(|v| v.to_bits()).collect();
-        seen.insert(bits, k).map(|first| (first, k))
-    })
+    rows.into_iter().enumerate().find_map(|(k, row)| seen.insert(row, k).map(|first| (first, k)))
 }
 
 /// Why measured positions do not belong to the readings.

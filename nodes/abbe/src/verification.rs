@@ -15,7 +15,6 @@ use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_measurement::correspondence::{self, Pair};
 use anyhow::{Context, bail, ensure};
-use std::collections::BTreeMap;
 use std::io::Read;
 
 /// One verification point with its errors (m, actual − position, aligned).
@@ -77,7 +76,9 @@ pub(crate) fn correct_points(
         Some(Pair { reading_m: row.reading_m, offset_m: row.offset_m, actual_m })
     };
     let pairs: Vec<Pair> = points.rows.iter().filter_map(pair).collect();
-    if let Some((first, second)) = copied(&points.rows) {
+    // In all columns: of rounded positions a repeated reading may be the same, its time is not.
+    if let Some(places) = correspondence::copied(points.rows.iter().map(|row| row.cells().collect::<Vec<_>>())) {
+        let [first, second] = <[usize; 2]>::from(places).map(|k| points.rows[k].line());
         bail!(
             "{name}, line {second}: the row repeats line {first} to the last digit, and would count twice; a copy is no second measurement: \
              remove it (readings repeated on the machine differ by its noise)"
@@ -85,14 +86,6 @@ pub(crate) fn correct_points(
     }
     correspondence::check_all(&pairs).with_context(|| format!("{name} (points count from 1)"))?;
     Ok(points)
-}
-
-/// The lines of the first row that is a copy of an earlier one in all its columns, the earlier first. Of rounded positions a repeated reading may be
-/// the same, its time is not.
-fn copied(rows: &[PointRow]) -> Option<(u64, u64)> {
-    let mut seen = BTreeMap::new();
-    rows.iter()
-        .find_map(|row| seen.insert(row.cells().collect::<Vec<_>>(), row.line()).map(|first| (first, row.line())))
 }
 
 /// Errors before and after, aligned rigidly to the reference.

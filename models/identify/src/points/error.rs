@@ -155,14 +155,14 @@ pub(super) fn check(machine: &Machine, points: &[MeasuredPoint]) -> Result<(), P
         }
         check_stroke(machine, k, point)?;
     }
-    match copied(points.iter().map(pair)) {
+    let numbers = |p: &MeasuredPoint| -> Vec<u64> {
+        let numbers = p.reading_m.iter().chain(&p.offset_m).chain(p.actual_m.iter());
+        numbers.map(|value| value.to_bits()).collect()
+    };
+    match copied(points.iter().map(numbers)) {
         Some((first, second)) => Err(PointsError::Duplicate { first: first + 1, second: second + 1 }),
         None => Ok(()),
     }
-}
-
-fn pair(point: &MeasuredPoint) -> Pair {
-    Pair { reading_m: point.reading_m, offset_m: point.offset_m, actual_m: point.actual_m }
 }
 
 fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<(), PointsError> {
@@ -181,6 +181,7 @@ fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<()
 
 /// Refuses positions whose shape is not that of the nominal points.
 pub(super) fn check_positions(points: &[MeasuredPoint]) -> Result<(), PointsError> {
+    let pair = |p: &MeasuredPoint| Pair { reading_m: p.reading_m, offset_m: p.offset_m, actual_m: p.actual_m };
     Ok(check_shape(&points.iter().map(pair).collect::<Vec<_>>())?)
 }
 
