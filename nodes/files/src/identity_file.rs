@@ -4,8 +4,8 @@
 
 use crate::error::{FileError, Place};
 use crate::identity::Identity;
-use crate::machine::{parse_machine, syntax};
-use crate::toml_place::line_of;
+use crate::machine::{SEE_EXAMPLES, parse_machine};
+use crate::toml_place::{line_of, syntax};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub fn read_identity(path: &Path) -> Result<(Option<String>, Identity), FileErro
         };
         return Ok((Some(name), machine.identity.ok_or_else(none)?));
     }
-    let document: Document = toml::from_str(text).map_err(|error| syntax(text, &file, &error))?;
+    let document: Document = toml::from_str(text).map_err(|error| syntax(text, &file, &error, SEE_EXAMPLES))?;
     document.identity.check(text, &file)?;
     Ok((None, document.identity))
 }

@@ -9,7 +9,7 @@ use crate::machine_document::{
     AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, MachineDocument, MachineRecord, SquarenessText,
 };
 use crate::names::nearest;
-use crate::toml_place::{key_at, line_at, line_of, no_value};
+use crate::toml_place::{line_of, syntax};
 use crate::units::{micrometres_from_m, millimetres_from_m};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness, USUAL_RAM_TURN_RAD};
@@ -24,7 +24,7 @@ pub const SIGN_CONVENTION: &str = "error = actual - indicated, of the tool relat
                                    actual = indicated + offset + error; angles right-handed; names as in ISO 230-1";
 /// Coverage factor of the declared range uncertainty.
 const COVERAGE: f64 = 2.0;
-const SEE_EXAMPLES: &str = "launch-config/machines holds complete examples";
+pub(crate) const SEE_EXAMPLES: &str = "launch-config/machines holds complete examples";
 
 /// What a machine file says.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +55,7 @@ pub fn read_machine(path: &Path) -> Result<MachineFile, FileError> {
 /// Checks the text of a machine file; `file` is its name in messages.
 pub fn parse_machine(text: &str, file: &str) -> Result<MachineFile, FileError> {
     let text = text.trim_start_matches('\u{feff}');
-    let document: MachineDocument = toml::from_str(text).map_err(|error| syntax(text, file, &error))?;
+    let document: MachineDocument = toml::from_str(text).map_err(|error| syntax(text, file, &error, SEE_EXAMPLES))?;
     Reader { text, file }.machine_file(document)
 }
 
@@ -65,29 +65,6 @@ pub fn machine_text(machine: &MachineFile) -> Result<String, FileError> {
         let remedy = "give it names that TOML can hold";
         FileError::content(Place::file(&machine.machine.name), format!("cannot be written: {error}"), remedy)
     })
-}
-
-pub(crate) fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
-    let message = error.message().trim().replace('\n', ", ");
-    let mut place = Place::file(file);
-    // A key missing from the top level has no line.
-    if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
-        place.line = Some(line_at(text, span.start));
-        place.item = key_at(text, span.start).map(|key| format!("key {key}"));
-    }
-    if let Some((problem, remedy)) = no_value(text, error) {
-        return FileError::content(place, problem, format!("{remedy}; {SEE_EXAMPLES}"));
-    }
-    let remedy = if message.contains("unknown field") {
-        "correct the spelling or remove the key"
-    } else if message.contains("is neither that nor") {
-        "correct the spelling, or add the key"
-    } else if message.contains("missing field") {
-        "add the key"
-    } else {
-        "correct this line"
-    };
-    FileError::content(place, message, format!("{remedy}; {SEE_EXAMPLES}"))
 }
 
 /// Gives the document its meaning, and each problem its line.

@@ -6,7 +6,7 @@
 
 use crate::campaign_csv::KNOWN;
 use crate::error::{FileError, Place};
-use crate::toml_place::{key_at, line_at, line_of, no_value};
+use crate::toml_place::{line_of, syntax};
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer, Wish};
 use serde::Deserialize;
@@ -182,7 +182,7 @@ pub fn read_plan_request(path: &Path) -> Result<PlanRequestFile, FileError> {
 /// As [`read_plan_request`].
 pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, FileError> {
     let text = text.trim_start_matches('\u{feff}');
-    let document: Document = toml::from_str(text).map_err(|error| syntax(text, file, &error))?;
+    let document: Document = toml::from_str(text).map_err(|error| syntax(text, file, &error, SEE))?;
     let wrong = |path: &[&str], problem: &str, remedy: &str| {
         let mut place = Place::file(file).key(&path.join("."));
         place.line = line_of(text, path);
@@ -315,26 +315,6 @@ fn value_of(value: toml::Value) -> Option<ShapeValue> {
         toml::Value::Integer(number) => Some(ShapeValue::Number(number as f64)),
         _ => None,
     }
-}
-
-fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
-    let message = error.message().trim().replace('\n', ", ");
-    let mut place = Place::file(file);
-    if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
-        place.line = Some(line_at(text, span.start));
-        place.item = key_at(text, span.start).map(|key| format!("key {key}"));
-    }
-    if let Some((problem, remedy)) = no_value(text, error) {
-        return FileError::content(place, problem, format!("{remedy}; {SEE}"));
-    }
-    let remedy = if message.contains("unknown field") {
-        "correct the spelling or remove the key"
-    } else if message.contains("missing field") {
-        "add the key"
-    } else {
-        "correct this line"
-    };
-    FileError::content(place, message, format!("{remedy}; {SEE}"))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! Place in the flow: [`crate::machine`] reads the text into plain structures and asks here only once something
 //! is wrong.
 
+use crate::error::{FileError, Place};
 use toml::de::{DeTable, DeValue};
 
 /// How the parser begins to say that a value is none.
@@ -56,9 +57,33 @@ pub(crate) fn key_at(text: &str, byte: usize) -> Option<String> {
     (!key.is_empty() && !key.starts_with('#')).then(|| key.to_owned())
 }
 
+/// What the parser refuses, with its line and key, and what to do; `see` says where a whole file is to be seen.
+pub(crate) fn syntax(text: &str, file: &str, error: &toml::de::Error, see: &str) -> FileError {
+    let message = error.message().trim().replace('\n', ", ");
+    let mut place = Place::file(file);
+    // A key missing from the top level has no line.
+    if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
+        place.line = Some(line_at(text, span.start));
+        place.item = key_at(text, span.start).map(|key| format!("key {key}"));
+    }
+    if let Some((problem, remedy)) = no_value(text, error) {
+        return FileError::content(place, problem, format!("{remedy}; {see}"));
+    }
+    let remedy = if message.contains("unknown field") {
+        "correct the spelling or remove the key"
+    } else if message.contains("is neither that nor") {
+        "correct the spelling, or add the key"
+    } else if message.contains("missing field") {
+        "add the key"
+    } else {
+        "correct this line"
+    };
+    FileError::content(place, message, format!("{remedy}; {see}"))
+}
+
 /// What begins like a number or a word and is no value of TOML, in words with the remedy: the parser names what the first letter made it
 /// expect (`nan` for `none`), which helps nobody.
-pub(crate) fn no_value(text: &str, error: &toml::de::Error) -> Option<(String, &'static str)> {
+fn no_value(text: &str, error: &toml::de::Error) -> Option<(String, &'static str)> {
     let message = error.message();
     let begins = |start: &&&str| message.trim_start().starts_with(**start);
     NO_VALUE.iter().find(begins)?;
