@@ -106,7 +106,10 @@ fn faults_of(bag: &Path, outcome: &ReplayOutcome) -> Vec<String> {
             .push(format!("{bag}: messages name models that were not given: {}; give each of them", hashes.join(", ")));
     }
     if outcome.topics.iter().any(|topic| topic.different > 0) {
-        faults.push(format!("{bag}: check that model and launch file are those of the run"));
+        faults.push(format!(
+            "{bag}: check that model and launch file are those of the run, and that the bag is as it was recorded: sorted by stamp, or merged, a \
+             temperature comes before a reading that was corrected without it"
+        ));
     }
     faults
 }
