@@ -219,7 +219,7 @@ fn map_text(answer: &Answer) -> anyhow::Result<String> {
 }
 
 fn diagonals_text(answer: &Answer) -> anyhow::Result<String> {
-    let mut text = "diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um,status\n".to_owned();
+    let mut text = "diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um_k2,status\n".to_owned();
     for (diagonal, points) in &answer.diagonals {
         for point in points {
             let [x, y, z] = point.reading_m.map(|v| v * 1e3);
