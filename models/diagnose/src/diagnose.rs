@@ -15,16 +15,15 @@ use crate::explanation::Explanation;
 use crate::floor;
 use crate::gate::{self, Verdict};
 use crate::implausible;
-use crate::instant;
 use crate::judge::{self, Blocked, Unseen};
+use crate::kind;
 use crate::lags::with_lags;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::has;
 use crate::search::{Search, State};
-use crate::sizes;
-use crate::step::Step;
+use crate::step::{Addition, Step, added};
 use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
@@ -98,22 +97,15 @@ pub fn diagnose(
         }
     }
     state.fit.model = ended.told.clone();
-    let Ended { machine_step, wander, zeros, without, competing, model, .. } = ended;
+    let Ended { machine_step, wander, zeros, left: detection_after, kinds, without, competing, model, .. } = ended;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
     };
     let last = state.round.clone();
-    let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
-    let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
-    let effects = state.fit.model.parts().effects.iter().filter(|fitted| !is_base(&base, fitted));
-    let effects = effects.map(|fitted| fitted.effect.as_ref());
-    instant::hold(&mut found, effects, (&detection_after, options.significance), machine);
-    // A step that explains more than all of them: none is the cause.
-    if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
-        found.iter_mut().for_each(|found| found.kind = Explanation::Empirical);
-    }
+    let others = without.iter().zip(competing).zip(&state.terms).filter(|(_, term)| !has(&base, term));
+    let found = found(&search, &state, &kinds, others.map(|(other, _)| other))?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
@@ -168,6 +160,10 @@ struct Ended<'a> {
     machine_step: Option<MachineStep>,
     wander: Option<Wander>,
     zeros: Vec<ZeroOfScale>,
+    /// What the residual says beside all that was found.
+    left: noise::Detection,
+    /// What was found, each a cause or a description.
+    kinds: Vec<kind::Judged>,
     /// The model of the search.
     told: MachineModel,
     /// Of each term, the fit without it, and what competes with it.
@@ -199,17 +195,27 @@ impl<'a> Ended<'a> {
             zeros.iter().try_fold(model, |model, zero| zero.told(model))
         };
         let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
-        let told = tomorrow::told(state.fit.model.clone(), &state.round, campaign, is_found)
+        let left = noise::detect(&state.round, campaign, &state.fit.evidence);
+        let without = competing::without_each(search, state, base, observe)?;
+        let sized = widened(state.fit.model.clone()).map_err(IdentifyError::from)?;
+        let mut kinds = kind::judged(search, state, (&sized, &is_found), &without, &left)?;
+        // A step that explains more than all of them: none is the cause.
+        if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
+            kinds.iter_mut().for_each(|own| own.kind = Explanation::Empirical);
+        }
+        let bumps: Vec<EffectTerm> =
+            kinds.iter().filter(|own| own.is_bump()).map(|own| EffectTerm::of(&own.fitted)).collect();
+        let is_bump = |fitted: &FittedEffect| is_base(&bumps, fitted);
+        let told = tomorrow::told(state.fit.model.clone(), &state.round, campaign, (&is_found, &is_bump))
             .and_then(|model| with_unexplained(model, on_unseen, floor::unexplained_m(&state.round, campaign)))
             .and_then(|model| model.with_unseen_expansions(open_expansions(search, (start, &state.fit), is_found)))
             .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
             .and_then(widened)
             .map_err(IdentifyError::from)?;
-        let without = competing::without_each(search, state, base, observe)?;
         let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
         let model = averaged.without(|fitted| is_found(fitted) && tomorrow::is_course(fitted, campaign));
         let model = model.map_err(IdentifyError::from)?;
-        Ok(Ended { machine_step, wander, zeros, told, without, competing, model })
+        Ok(Ended { machine_step, wander, zeros, left, kinds, told, without, competing, model })
     }
 }
 
@@ -382,19 +388,14 @@ fn blocked(campaign: &Campaign, before: &Round, after: &Round) -> Vec<Blocked> {
 fn found<'a>(
     search: &Search,
     state: &State,
-    base: &[EffectTerm],
+    kinds: &[kind::Judged],
     others: impl Iterator<Item = (&'a Option<Without<'a>>, Vec<Competing>)>,
 ) -> Result<Vec<Found>, DiagnoseError> {
-    let effects = &state.fit.model.parts().effects;
-    let mut first = state.fit.model.layout().len();
-    let mut all = Vec::new();
-    for (fitted, (without, competing)) in effects.iter().zip(others) {
-        if !is_base(base, fitted) {
-            all.push(Found { competing, ..one(search, state, (fitted, first), without.as_ref())? });
-        }
-        first += fitted.parameters.len();
-    }
-    Ok(all)
+    kinds
+        .iter()
+        .zip(others)
+        .map(|(judged, (without, competing))| Ok(Found { competing, ..one(search, state, judged, without.as_ref())? }))
+        .collect()
 }
 
 fn is_base(base: &[EffectTerm], fitted: &FittedEffect) -> bool {
@@ -404,66 +405,45 @@ fn is_base(base: &[EffectTerm], fitted: &FittedEffect) -> bool {
 fn one(
     search: &Search,
     state: &State,
-    (fitted, first): (&FittedEffect, usize),
+    judged: &kind::Judged,
     without: Option<&Without>,
 ) -> Result<Found, DiagnoseError> {
-    let last = &state.round;
-    let (candidate, rivals, p_value, gate) = added(state, fitted).ok_or(DiagnoseError::Singular)?;
+    let (last, fitted) = (&state.round, &judged.fitted);
+    let Addition { candidate, rivals, p_corrected, verdict } = added(state, fitted).ok_or(DiagnoseError::Singular)?;
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
-    let parameters = sizes::of(&state.fit, fitted, first);
-    let tests = candidate.trials * parameters.len();
-    let is_named = candidate.known.name != "empirical"
-        && sizes::is_told(&parameters, tests, search.options.significance)
-        && !tomorrow::happened_in_a_pause(fitted, search.campaign);
-    let mut kind = if is_named { Explanation::Attributed } else { Explanation::Empirical };
     if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(without, &columns, search.campaign, draws).ok();
         alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;
         let lines = gate::judge(without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
         held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
-        if search.is_outdone(state, without, candidate)? {
-            kind = Explanation::Empirical;
-        }
     }
     Ok(Found {
         name: candidate.known.name,
         title: candidate.known.title,
         formula: candidate.known.formula,
-        kind,
+        kind: judged.kind,
         shape: fitted.shape.clone(),
         covariates: read_by(fitted.effect.as_ref(), &fitted.shape),
-        p_value,
+        p_value: p_corrected,
         evidence: candidate.evidence(last.used),
         alias_share,
-        parameters,
+        parameters: judged.parameters.clone(),
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
         competing: Vec::new(),
         corrects: !tomorrow::is_course(fitted, search.campaign),
         held_out_gain_m,
         placebo,
-        gate: gate.clone(),
+        gate: verdict.clone(),
     })
 }
 
 fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {
     let evidence_behind = chosen.evidence(rows) - rival.evidence(rows);
     Rival { name: rival.known.name, shape: rival.term.shape.clone(), evidence_behind }
-}
-
-/// The step that added a fitted effect.
-fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<(&'s Candidate, &'s [Candidate], f64, &'s Verdict)> {
-    state.steps.iter().rev().find_map(|step| match step {
-        Step::Added { term, candidate, rivals, p_corrected, verdict }
-            if term.effect.name() == fitted.effect.name() && term.shape == fitted.shape =>
-        {
-            Some((candidate.as_ref(), rivals.as_slice(), *p_corrected, verdict))
-        }
-        _ => None,
-    })
 }
 
 /// Rms of what an effect does to the ranges, about its mean (m).

@@ -40,7 +40,7 @@ pub(crate) fn hold<'a>(
 
 /// What a term was found as that is larger than believed, in words, and whether its size is told; `None` where it is not, or was not found.
 fn larger_than_believed(state: &State, term: &EffectTerm, significance: f64) -> Option<(Candidate, String, bool)> {
-    let parameters = sizes::of_term(&state.fit, term)?;
+    let parameters = sizes::of_term(&state.fit.model, term)?;
     let candidate = state.steps.iter().rev().find_map(|step| match step {
         Step::Added { term: added, candidate, .. } if has(std::slice::from_ref(term), added) => Some(candidate),
         _ => None,

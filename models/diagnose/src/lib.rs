@@ -80,6 +80,7 @@ mod implausible;
 mod instant;
 mod judge;
 mod jumps;
+mod kind;
 mod lags;
 pub mod linear;
 mod logs;

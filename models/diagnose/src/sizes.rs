@@ -3,29 +3,29 @@
 //! Place in the flow: read by what takes implausible effects out, and by the diagnosis that says what was found.
 
 use crate::diagnosis::FoundParameter;
-use abbe_geometry::model::FittedEffect;
-use abbe_identify::{EffectTerm, Identified};
+use abbe_geometry::model::{FittedEffect, MachineModel};
+use abbe_identify::EffectTerm;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The parameters of a fitted effect whose first is this one of the model's.
-pub(crate) fn of(fit: &Identified, fitted: &FittedEffect, first: usize) -> Vec<FoundParameter> {
+pub(crate) fn of(model: &MachineModel, fitted: &FittedEffect, first: usize) -> Vec<FoundParameter> {
     let named = fitted.effect.parameters().into_iter().zip(&fitted.parameters);
     let sized = named.enumerate().map(|(k, (spec, value))| FoundParameter {
         name: spec.name,
         unit: spec.unit,
         value: *value,
-        u: fit.model.covariance(first + k, first + k).max(0.0).sqrt(),
+        u: model.covariance(first + k, first + k).max(0.0).sqrt(),
         plausible: spec.plausible,
     });
     sized.collect()
 }
 
 /// The parameters of a term as it was fitted; `None` where it was not.
-pub(crate) fn of_term(fit: &Identified, term: &EffectTerm) -> Option<Vec<FoundParameter>> {
-    let mut first = fit.model.layout().len();
-    for fitted in &fit.model.parts().effects {
+pub(crate) fn of_term(model: &MachineModel, term: &EffectTerm) -> Option<Vec<FoundParameter>> {
+    let mut first = model.layout().len();
+    for fitted in &model.parts().effects {
         if fitted.effect.name() == term.effect.name() && fitted.shape == term.shape {
-            return Some(of(fit, fitted, first));
+            return Some(of(model, fitted, first));
         }
         first += fitted.parameters.len();
     }

@@ -11,6 +11,7 @@ use crate::gate::Verdict;
 use crate::same_claim::has;
 use crate::search::State;
 use abbe_geometry::effects::known;
+use abbe_geometry::model::FittedEffect;
 use abbe_identify::EffectTerm;
 
 /// One thing that a round decided.
@@ -75,6 +76,25 @@ impl Step {
             Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
         }
     }
+}
+
+/// How a term went in.
+pub(crate) struct Addition<'a> {
+    pub(crate) candidate: &'a Candidate,
+    pub(crate) rivals: &'a [Candidate],
+    pub(crate) p_corrected: f64,
+    pub(crate) verdict: &'a Verdict,
+}
+
+/// How a fitted effect went in; `None` of what the model had before.
+pub(crate) fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<Addition<'s>> {
+    let own = EffectTerm::of(fitted);
+    state.steps.iter().rev().find_map(|step| match step {
+        Step::Added { term, candidate, rivals, p_corrected, verdict } if has(std::slice::from_ref(&own), term) => {
+            Some(Addition { candidate, rivals, p_corrected: *p_corrected, verdict })
+        }
+        _ => None,
+    })
 }
 
 impl State<'_> {

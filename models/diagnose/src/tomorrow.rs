@@ -8,7 +8,8 @@
 //! cannot tell a drift of its stand from one of the machine, and both say that there is something like it; the motion of a stand alone
 //! counts so where no two stations measured at the same time. Ranges in m; a motion of the tip counts three times its
 //! mean square on the ranges, which see one direction of three. Where stands move, the zero of the machine may have moved instead, and goes on from
-//! station to station: along each axis U holds at least that.
+//! station to station: along each axis U holds at least that. Not so where a stand jumped along two axes at once: a scale that loses counts is one
+//! axis, and whoever bumps the whole machine moves the part on its table with it.
 
 use crate::candidates::Round;
 use crate::context::{follows_time, in_turn, range, read_by};
@@ -32,42 +33,47 @@ const STILL_TO_COME: f64 = 0.2;
 /// Share of a quantity's variance beside its course in time below which both are alike.
 const ALIKE: f64 = 0.1;
 
-/// The model with what follows the time in its uncertainty; `is_found` says which of its terms the diagnosis added.
+/// Says of a term of a model whether it is one of some.
+type Is<'a> = &'a dyn Fn(&FittedEffect) -> bool;
+
+/// The model with what follows the time in its uncertainty; `is_found` says which of its terms the diagnosis added, `is_bump` which of them can
+/// only be a bump of a stand.
 pub(crate) fn told(
     model: MachineModel,
     round: &Round,
     campaign: &Campaign,
-    is_found: impl Fn(&FittedEffect) -> bool,
+    (is_found, is_bump): (Is, Is),
 ) -> Result<MachineModel, ModelError> {
+    let may_be_the_machine = |fitted: &FittedEffect| moves_stand(fitted, campaign) && !is_bump(fitted);
     let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
     let is_open = round.rows.correlation.is_some() || found.iter().any(|fitted| is_course(fitted, campaign));
     let is_in_doubt = |fitted: &FittedEffect| {
         is_course(fitted, campaign)
             || happened_in_a_pause(fitted, campaign)
-            || follows_time(fitted.effect.as_ref(), &fitted.shape) && (is_open || moves_stand(fitted, campaign))
+            || follows_time(fitted.effect.as_ref(), &fitted.shape) && (is_open || may_be_the_machine(fitted))
     };
     let squares = found.into_iter().filter(|fitted| is_in_doubt(fitted)).map(|fitted| {
         let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
         directions * on_range_m2(round, campaign, fitted)
     });
     let doubted_m = squares.sum::<f64>().sqrt();
-    let moved_m = zero_instead_m(&model, campaign, &is_found);
+    let effects = model.parts().effects.iter();
+    let moving: Vec<&FittedEffect> = effects.filter(|own| is_found(own) && may_be_the_machine(own)).collect();
+    let moved_m = zero_instead_m(&moving, campaign);
     let unexplained_m = model.parts().quality.unexplained_m;
     model.with_unexplained(std::array::from_fn(|d| unexplained_m[d].hypot(doubted_m.max(moved_m[d]))))
 }
 
 /// Standard deviation of the place of the machine's zero over the readings, along each axis (m), if it moved in the place of the stands: to a
 /// station both are the same, and where the next begins, the zero is where the last one left it.
-fn zero_instead_m(model: &MachineModel, campaign: &Campaign, is_found: impl Fn(&FittedEffect) -> bool) -> [f64; 3] {
-    let effects = model.parts().effects.iter();
-    let moving: Vec<&FittedEffect> = effects.filter(|own| is_found(own) && moves_stand(own, campaign)).collect();
+fn zero_instead_m(moving: &[&FittedEffect], campaign: &Campaign) -> [f64; 3] {
     let mut order: Vec<&RangeReading> = campaign.readings.iter().collect();
     order.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let mut place_m = Vector3::zeros();
     let mut last: Option<(u32, Vector3<f64>)> = None;
     let mut places_m: Vec<Vector3<f64>> = Vec::with_capacity(order.len());
     for reading in order {
-        let stand_m = stand_m(&moving, campaign, reading);
+        let stand_m = stand_m(moving, campaign, reading);
         if let Some((_, before_m)) = last.filter(|(station, _)| *station == reading.station) {
             place_m -= stand_m - before_m;
         }

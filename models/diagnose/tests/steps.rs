@@ -104,6 +104,32 @@ fn regress_a_zero_that_jumps_is_a_jump_of_the_stand_or_of_the_machine_and_is_cov
     }
 }
 
+/// Somebody runs into the stand, in all directions at once: no scale that lost counts. U was 15 to 30 times too large for it.
+#[test]
+fn regress_a_stand_that_was_bumped_does_not_widen_what_is_corrected() {
+    let cases = [("bridge", 4.0, 1), ("gantry", 10.0, 1), ("table", 4.0, 1), ("bridge", 10.0, 2), ("table", 10.0, 2)];
+    let mut named = 0;
+    for &(machine, size_um, seed) in some_of(&cases) {
+        let quiet = diagnosed(machine, &[], seed).outcome().inside.1;
+        let judged = diagnosed(machine, &[&format!("bump:{size_um}")], seed);
+        let (steps, (_, after)) = (&judged.diagnosis.steps, judged.outcome().inside);
+        assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {seed}: {after:?}");
+        let Some(jump) = judged.diagnosis.found.iter().find(|found| found.name == "stand_jump") else {
+            // So few lines came after it that chance among lines could explain them.
+            assert!(steps.iter().any(|step| step.contains("its stand was moved")), "{machine} {seed}: {steps:?}");
+            continue;
+        };
+        named += 1;
+        assert_eq!(jump.kind, Explanation::Attributed, "{machine} {seed}: {jump:?}");
+        for (parameter, size) in jump.parameters.iter().zip([0.7e-6, -0.5e-6, 0.5e-6].map(|share| share * size_um)) {
+            assert!((parameter.value - size).abs() < 4.0 * parameter.u, "{machine} {seed}: {parameter:?}");
+        }
+        assert!(after.stated_m < 1.3 * quiet.stated_m, "{machine} {seed}: {quiet:?} {after:?}");
+        assert!(after.rms_m < 1.2 * quiet.rms_m, "{machine} {seed}: {quiet:?} {after:?}");
+    }
+    assert!(named >= 2, "{named}");
+}
+
 /// An arm that creeps for minutes after its carriage moved was called a jump of a tracer's zero, or of its stand.
 #[test]
 fn regress_what_creeps_is_no_jump() {

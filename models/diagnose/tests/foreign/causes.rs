@@ -154,7 +154,11 @@ impl Cause {
     }
 
     /// What the instrument says too much (m) of a sight in this unit direction.
-    pub(crate) fn range_m(&mut self, station: usize, sight: Vector) -> f64 {
+    pub(crate) fn range_m(&mut self, time_s: f64, station: usize, sight: Vector) -> f64 {
+        if let Some(size) = self.form.strip_prefix("bump:").filter(|_| time_s >= STEPS_AT_S) {
+            // Somebody runs into the stand. To the stations after it, which stand elsewhere anyway, it is nothing.
+            return -dot(times([0.7, -0.5, 0.5], size.parse::<f64>().unwrap() * 1e-6), sight);
+        }
         let yaw = TAU * self.a[2] + 1.9 * station as f64;
         match self.form.as_str() {
             "sight-bump" => {

@@ -203,7 +203,7 @@ fn measure(shop: &mut Workshop, out: &mut Foreign, (station, at_m): (usize, Vect
             let to_m = minus(stop.actual_m, at_m);
             let range_m = length(to_m);
             let sight = times(to_m, 1.0 / range_m);
-            let instrument: f64 = shop.causes.iter_mut().map(|cause| cause.range_m(station, sight)).sum();
+            let instrument: f64 = shop.causes.iter_mut().map(|cause| cause.range_m(time_s, station, sight)).sum();
             let noise = (RANGE.0 + RANGE.1 * range_m) * shop.random.normal();
             let length_m = range_m + instrument + noise;
             let zero_m = *zero_m.get_or_insert(length_m);
