@@ -6,6 +6,7 @@
 use crate::exit::Ended;
 use crate::next::Next;
 use crate::output;
+use crate::progress::Told;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{
     About, ExportedFile, FORMATS, Format, LARGER, SampledGrid, TIP, Writer, format, geometric_error_m, of_places,
@@ -16,6 +17,7 @@ use abbe_geometry::axis::Axis;
 use abbe_geometry::correct::is_within;
 use abbe_geometry::sampled::SampledErrors;
 use anyhow::{Context, bail, ensure};
+use std::cell::Cell;
 use std::convert::Infallible;
 use std::io::Write;
 use std::path::PathBuf;
@@ -25,6 +27,8 @@ use std::path::PathBuf;
 const DEFAULT_WITHIN_UM: f64 = 0.1;
 /// Nodes of the largest grid that is written.
 const MOST_NODES: usize = 2_000_000;
+/// Points of a grid after which it is told how many there were.
+const TELL_EVERY: u64 = 10_000;
 /// Share of a stroke that campaigns leave out at its ends without a word.
 const UNSEEN_SHARE: f64 = 0.05;
 /// Halvings of the step in search of a wanted interpolation error, from the whole stroke.
@@ -255,8 +259,14 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
         ),
     };
     let effects = of_places(&file.model);
-    let error_m =
-        |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, &effects, (*p).into(), offset_m));
+    let (told, points) = (Told::new("the grid"), Cell::new(0_u64));
+    let error_m = |p: &Vector3<f64>| {
+        points.set(points.get() + 1);
+        if points.get().is_multiple_of(TELL_EVERY) {
+            told.say(format!("{} points looked at", points.get()));
+        }
+        Ok::<_, Infallible>(geometric_error_m(&file.model, &effects, (*p).into(), offset_m))
+    };
     let (table, missed) = match arguments.step_mm {
         None => {
             let within_um = arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM);
@@ -272,6 +282,7 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
             (table, missed)
         }
     };
+    told.finish();
     Ok(SampledGrid { table, missed_m: missed.largest_m.max(), offset_m })
 }
 

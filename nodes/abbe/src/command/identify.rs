@@ -99,7 +99,6 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A spinner that shows the passes.
 /// A line that says what is being done, and turns.
 pub fn spinner(what: &str) -> ProgressBar {
     let style =
