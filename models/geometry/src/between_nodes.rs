@@ -3,13 +3,15 @@
 //! Place in the flow: made from node values by [`crate::model::MachineModel`], which adds it to every corrected coordinate,
 //! error and predicted length, and by identification, which adds what it does to the fitted parameters. Between two nodes a
 //! function departs from its chord; each interval has one unknown, the departure midway (m or rad), of expectation zero. It
-//! acts as the parabola that is 0 at both nodes, the interpolation error of a function of constant curvature.
+//! acts as 4t(1 − t) to the power of q, t from node to node: with q = 1 the interpolation error of a function of constant curvature.
 //!
 //! Its size is told by the nodes themselves: the departure of a node from the chord of its neighbours is that of chords
 //! twice as long, d₂; from the chord of the next but one, that of chords four times as long, d₄. Departures grow with
 //! length as d ~ hᵖ, p = 2 for a smooth function (Taylor), 0 for one that the nodes do not resolve, so that those of single
 //! intervals are d₁ = d₂·2⁻ᵖ with p = log₂(d₄/d₂) (Richardson's extrapolation with the observed order). d₂ is the root mean
-//! square over an error function; p comes from all functions of the same unit, noise of the node values taken off.
+//! square over an error function; p comes from all functions of the same unit, noise of the node values taken off. How fast a function leaves its
+//! node is told by the same p: as tᵖ, so that q = p below 1 (½, the bridge of a random walk, for errors that add up from line to line of a
+//! scale; Mandelbrot and van Ness 1968), and 1 above.
 
 use crate::axis::ErrorId;
 use crate::error_function::{Basis, FunctionKind};
@@ -18,13 +20,25 @@ use crate::layout::Layout;
 /// Where p cannot be observed, because there are fewer than five nodes or because departures are lost in noise: midway
 /// between smooth and not resolved.
 const UNOBSERVED_ORDER: f64 = 1.0;
+/// Least power of the shape between nodes: the node itself is known, whatever lies beside it.
+const LEAST_POWER: f64 = 0.25;
 
 /// The departures midway between nodes, one for each interval of each error function that is made of nodes.
 #[derive(Debug, Clone, Default)]
 pub struct BetweenNodes {
-    /// Index of the first interval and the basis, by [`ErrorId::index`].
-    functions: Vec<Option<(usize, Basis)>>,
+    /// By [`ErrorId::index`].
+    functions: Vec<Option<Function>>,
     variances: Vec<f64>,
+}
+
+/// The departures of one error function.
+#[derive(Debug, Clone)]
+struct Function {
+    /// Index of the first interval.
+    first: usize,
+    basis: Basis,
+    /// Power of the parabola that each is shaped as.
+    power: f64,
 }
 
 impl BetweenNodes {
@@ -38,12 +52,13 @@ impl BetweenNodes {
         let orders = [order(false), order(true)];
         let mut all = BetweenNodes::default();
         for (id, nodes) in ErrorId::all().zip(sampled) {
+            let order = orders[usize::from(id.is_angular())];
             all.functions.push(nodes.map(|nodes| {
                 let first = all.variances.len();
-                let shrink = 4.0_f64.powf(-orders[usize::from(id.is_angular())]);
+                let shrink = 4.0_f64.powf(-order);
                 let variance = mean(nodes.departures(1).map(|(d, _)| d * d)).unwrap_or(0.0) * shrink;
                 all.variances.extend(std::iter::repeat_n(variance, nodes.values.len() - 1));
-                (first, nodes.basis)
+                Function { first, basis: nodes.basis, power: order.clamp(LEAST_POWER, 1.0) }
             }));
         }
         all
@@ -51,8 +66,8 @@ impl BetweenNodes {
 
     /// Index of the departure that acts on an error at an axis position (m), and its shape there, 0 … 1.
     pub fn at(&self, id: ErrorId, position_m: f64) -> Option<(usize, f64)> {
-        let (first, basis) = self.functions[id.index()].as_ref()?;
-        basis.between_nodes(position_m).map(|(interval, shape)| (first + interval, shape))
+        let Function { first, basis, power } = self.functions[id.index()].as_ref()?;
+        basis.between_nodes(position_m).map(|(interval, parabola)| (first + interval, parabola.powf(*power)))
     }
 
     /// Variance of a departure (m² or rad²).
@@ -185,6 +200,21 @@ mod tests {
         // Up and down from node to node: a node is 2 µm off the chord of its neighbours, 0 off that of the next but one.
         let (_, between) = of_exx(|t| if (t * 8.0).round() % 2.0 == 1.0 { 2e-6 } else { 0.0 }, COUNT, 0.0);
         assert!((midway(&between) - 2e-6).abs() < 1e-18, "{}", midway(&between));
+    }
+
+    #[test]
+    fn a_rough_function_leaves_its_nodes_faster_than_a_smooth_one() {
+        let exx = ErrorId::all().next().unwrap();
+        // A tenth of an interval behind the first node.
+        let beside = |between: &BetweenNodes| between.at(exx, -0.2 + 0.01).map(|(_, shape)| shape).unwrap();
+        let (_, smooth) = of_exx(|t| 8e-6 * t * t, COUNT, 0.0);
+        assert!((beside(&smooth) - 0.36).abs() < 1e-12, "{}", beside(&smooth));
+        // A walk of equal steps, one up and the next down or up by turns: departures of chords twice as long are √2 times as large.
+        let walk = [0.0, 1.0, 0.0, 1.0, 2.0, 1.0, 2.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0, 5.0, 4.0];
+        let (_, rough) = of_exx(|t| 1e-6 * walk[(t * 16.0).round() as usize], 17, 0.0);
+        let (_, power) = (midway(&rough), (rough.at(exx, -0.2 + 0.005).unwrap().1.ln() / 0.36_f64.ln()));
+        assert!((0.25..0.8).contains(&power), "{power}");
+        assert_eq!(rough.at(exx, -0.2), Some((0, 0.0)));
     }
 
     #[test]

@@ -35,6 +35,8 @@ const QUANTILE: f64 = 1.96;
 enum Place {
     Anywhere,
     AtNodes,
+    /// A twentieth of an interval from one.
+    BesideNodes,
 }
 
 /// Share of the coordinates inside their interval (%), and rms of errors and standard uncertainties (µm).
@@ -56,8 +58,12 @@ impl Covered {
             let mut generator = ChaCha8Rng::seed_from_u64(seed);
             for _ in 0..POINTS {
                 let at = case.machine.stroke_m.map(|(lower_m, upper_m)| {
-                    let node = f64::from(generator.random_range(0..NODES as u32)) / (NODES - 1) as f64;
-                    let t = if place == Place::AtNodes { node } else { generator.random() };
+                    let node = f64::from(generator.random_range(0..NODES as u32));
+                    let t = match place {
+                        Place::AtNodes => node / (NODES - 1) as f64,
+                        Place::BesideNodes => (node + 0.05).min(NODES as f64 - 1.05) / (NODES - 1) as f64,
+                        Place::Anywhere => generator.random(),
+                    };
                     lower_m + (upper_m - lower_m) * t
                 });
                 total.add(&case, &model, at, offset_m);
@@ -136,6 +142,8 @@ fn the_95_per_cent_intervals_hold_between_nodes_where_only_nodes_were_measured()
         let at_nodes = Covered::of(Place::AtNodes, [0.0; 3], |seed| identified(edges(seed, roughness)));
         assert!((at_nodes.inside - 95.0).abs() <= 3.0, "{roughness:?}: {at_nodes:?}");
         assert!((at_nodes.inside - at_nodes.inside_of_fit_alone).abs() < 1e-9, "{at_nodes:?}");
+        let beside = Covered::of(Place::BesideNodes, [0.0; 3], |seed| identified(edges(seed, roughness)));
+        assert!(beside.inside >= 92.0, "{roughness:?}: {beside:?}");
     }
 }
 
