@@ -73,13 +73,33 @@ pub enum GuidewayError {
     /// Points move in another direction.
     #[error(
         "the targets move {angle_deg:.1} degrees off the {axis} axis; give points in the machine frame, name the axis that moves, \
-         or have the frame turned along the motion"
+         or have the frame turned along the motion (--frame along-motion)"
     )]
     Direction {
         /// Name of the axis.
         axis: &'static str,
         /// Angle (degrees).
         angle_deg: f64,
+    },
+    /// Points move a little in another direction.
+    #[error(
+        "the targets move {angle_deg:.2} degrees off the {axis} axis of the frame of the points, so that {error} would be {cosine_um:.1} um too \
+         small at {position_mm} mm by the cosine alone, at an uncertainty of {expanded_um:.1} um: that frame is not the machine's; have it \
+         turned along the motion (--frame along-motion), or give points in the machine frame"
+    )]
+    Cosine {
+        /// Name of the error of position.
+        error: String,
+        /// Name of the axis.
+        axis: &'static str,
+        /// Angle (degrees).
+        angle_deg: f64,
+        /// Position (mm).
+        position_mm: f64,
+        /// What the cosine takes off there (µm).
+        cosine_um: f64,
+        /// Expanded uncertainty of the error of position there (µm, k = 2).
+        expanded_um: f64,
     },
     /// Targets that do not keep their distances.
     #[error(

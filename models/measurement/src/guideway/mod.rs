@@ -41,6 +41,11 @@ impl GuidewayAxis {
         }
     }
 
+    /// Its letter.
+    pub fn name(self) -> &'static str {
+        ["X", "Y", "Z"][self.index()]
+    }
+
     /// Unit vector of its motion (machine frame).
     pub fn unit(self) -> Vector3<f64> {
         Vector3::ith(self.index(), 1.0)
@@ -48,7 +53,7 @@ impl GuidewayAxis {
 
     /// The six errors after ISO 230-1: displacements along x, y, z, then rotations about them, such as EXX … ECX.
     pub fn error_names(self) -> [String; 6] {
-        let axis = ["X", "Y", "Z"][self.index()];
+        let axis = self.name();
         ["X", "Y", "Z", "A", "B", "C"].map(|of| format!("E{of}{axis}"))
     }
 }
@@ -56,7 +61,8 @@ impl GuidewayAxis {
 /// Frame of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GuidewayFrame {
-    /// They are in the machine frame already: slopes of straightness stay in.
+    /// They are in the machine frame already: slopes of straightness stay in. So does their cosine in the error of position, which
+    /// is refused where it is no small part of its uncertainty.
     Given,
     /// They are the tracker's own: the smallest rotation that brings the mean direction of motion on the axis is applied. Slopes
     /// of straightness then vanish, and about the axis the tracker's frame is taken as it stands.
@@ -146,12 +152,14 @@ impl Guideway {
     ///
     /// # Errors
     /// Figures that are not finite, a target given twice at a position, fewer than three targets in common with the lowest
-    /// position, targets on a line or at one place, points that do not move as the positions say (unit, axis, frame), a table
-    /// that is not rigid.
+    /// position, targets on a line or at one place, points that do not move as the positions say (unit, axis, frame), a given
+    /// frame so far off the motion that its cosine shows in the error of position, a table that is not rigid.
     pub fn new(points: &[TargetPoint], options: GuidewayOptions) -> Result<Guideway, GuidewayError> {
         let runs = check::by_position(points)?;
         let machine_from_points = frame::machine_from_points(&runs, &options)?;
-        solve::all(&runs, machine_from_points, options)
+        let solved = solve::all(&runs, machine_from_points, options)?;
+        frame::along_enough(&runs, &solved)?;
+        Ok(solved)
     }
 
     /// Standard uncertainties at each position (m, rad; k = 1).
