@@ -7,7 +7,7 @@
 //! (GUM G.4.2). So declaration and residuals make a variance of (1 + χ²)/(1 + ν) with 1 + ν degrees of freedom. Misfit widens;
 //! luck narrows nothing. Without a degree of freedom nothing judges the declaration, and it stands as given.
 
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 /// Probability that ±2u is to have.
 const COVERED: f64 = 0.954_499_736_103_641_6;
@@ -48,16 +48,40 @@ impl Claim {
         (degrees > 0).then(|| Claim { is_declared: false, degrees, widening: widening(degrees) })
     }
 
+    /// Multiples of such a u that a difference exceeds with this probability, either way, if there is none.
+    pub fn beyond(&self, chance: f64) -> f64 {
+        let quantile = |share: f64| match (self.is_declared, self.degrees) {
+            // Nothing judged it: it stands as given.
+            (true, 0) => normal_quantile(share),
+            (true, judged) => student_quantile(judged as f64 + OF_DECLARATION, share),
+            (false, own) => student_quantile(own as f64, share),
+        };
+        COVERAGE * quantile(1.0 - chance / 2.0) / quantile((1.0 + COVERED) / 2.0)
+    }
+
     /// Factor on a covariance.
     pub fn variance(&self) -> f64 {
         self.widening * self.widening
     }
 }
 
+/// Multiples of a well known u that a difference exceeds with this probability, either way.
+pub(crate) fn normal(chance: f64) -> f64 {
+    normal_quantile(1.0 - chance / 2.0)
+}
+
+fn normal_quantile(share: f64) -> f64 {
+    Normal::standard().inverse_cdf(share)
+}
+
+fn student_quantile(degrees: f64, share: f64) -> f64 {
+    // Defined for every degree above zero; an infinite factor would claim nothing, which is the safe side.
+    StudentsT::new(0.0, 1.0, degrees).map_or(f64::INFINITY, |student| student.inverse_cdf(share))
+}
+
 /// What ±t·s must reach to hold the truth with the probability of ±2σ.
 fn student(degrees: f64) -> f64 {
-    // Defined for every degree above zero; an infinite factor would claim nothing, which is the safe side.
-    StudentsT::new(0.0, 1.0, degrees).map_or(f64::INFINITY, |student| student.inverse_cdf((1.0 + COVERED) / 2.0))
+    student_quantile(degrees, (1.0 + COVERED) / 2.0)
 }
 
 #[cfg(test)]
@@ -85,5 +109,18 @@ mod tests {
         assert!((Claim::declared(25.0, 100_000).widening - 5.0).abs() < 1e-3);
         // As declared, of three: t(4)/2 = 2.87/2.
         assert!((Claim::declared(1.0, 3).widening - 1.434).abs() < 2e-3);
+    }
+
+    /// Tables of Student's t, two-sided 1 %: 63.66 of one degree, 4.032 of five; 2.576 of a normal error.
+    #[test]
+    fn val_tables_of_t_say_what_is_beyond_chance() {
+        for (claim, expected) in [
+            (Claim::estimated(1).unwrap(), 63.66 / 13.97),
+            (Claim::estimated(5).unwrap(), 4.032 / 2.65),
+            (Claim::declared(1.0, 4), 4.032 / 2.65),
+            (Claim::declared(0.0, 0), 2.576 / 2.0),
+        ] {
+            assert!((claim.beyond(0.01) / (2.0 * expected) - 1.0).abs() < 3e-3, "{claim:?} {}", claim.beyond(0.01));
+        }
     }
 }

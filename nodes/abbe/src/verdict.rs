@@ -29,6 +29,77 @@ pub(crate) fn check(verdict: &Verdict, accept: Accept, source: &str, rest: impl 
     }
 }
 
+/// What a command finds against its result beyond the findings that all fits have.
+#[derive(Debug, Clone)]
+pub(crate) struct Objection {
+    /// How much it weighs.
+    pub(crate) grade: Grade,
+    /// What was found.
+    pub(crate) finding: String,
+    /// What would explain it, and what to do.
+    pub(crate) causes: Vec<String>,
+}
+
+impl Objection {
+    /// Refuses what is graded so, unless that is accepted; `rest` goes into the JSON of the refusal.
+    pub(crate) fn check(&self, accept: Accept, source: &str, rest: impl Fn() -> Value) -> Result<(), Refused> {
+        if self.grade < Grade::Refusal || accept.accept_misfit {
+            return Ok(());
+        }
+        let json = json!({ "refused": true, "findings": [self.json()], "evidence": rest() });
+        Err(Refused { source_name: source.to_owned(), reason: self.to_string(), json })
+    }
+
+    /// As one of the findings.
+    pub(crate) fn json(&self) -> Value {
+        json!({ "grade": self.grade.name(), "finding": self.finding, "likely_causes": self.causes })
+    }
+
+    /// A line for the terminal.
+    pub(crate) fn words(&self) -> String {
+        format!("  {:<17} {self}\n", in_capitals(self.grade))
+    }
+}
+
+impl Objection {
+    /// The same for a report.
+    pub(crate) fn callout(&self) -> Section {
+        let text = self.to_string();
+        Section::Callout(Callout { tone: tone(self.grade), title: title(self.grade).to_owned(), text })
+    }
+}
+
+impl fmt::Display for Objection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}; {}", self.finding, self.causes.join("; "))
+    }
+}
+
+/// Findings and objections together, for JSON.
+pub(crate) fn with_objection(objection: Option<&Objection>, findings: &[Finding]) -> Value {
+    let Value::Array(mut all) = json(findings) else { return Value::Null };
+    all.splice(0..0, objection.map(Objection::json));
+    Value::Array(all)
+}
+
+/// How a report heads a grade.
+fn title(grade: Grade) -> &'static str {
+    match grade {
+        Grade::Message => "What the data say of themselves",
+        Grade::Warning => "What speaks against it",
+        Grade::Refusal => "Refused, and accepted all the same",
+    }
+}
+
+/// How a terminal takes a grade.
+fn in_capitals(grade: Grade) -> &'static str {
+    match grade {
+        Grade::Message => "note",
+        Grade::Warning => "WARNING",
+        Grade::Refusal => "ACCEPTED",
+    }
+}
+
 /// A text with the words that pages have: the models' own texts shorten this one.
 pub(crate) fn in_words(text: &str) -> String {
     text.replace("chi2/dof", "chi2 per degree of freedom")
@@ -120,25 +191,13 @@ pub(crate) fn remark(finding: &Finding, before: &str) -> Callout {
 /// One sentence a finding, for a report.
 pub(crate) fn callouts(findings: &[Finding]) -> impl Iterator<Item = Section> {
     findings.iter().map(|finding| {
-        let title = match finding.grade {
-            Grade::Message => "What the data say of themselves",
-            Grade::Warning => "What speaks against it",
-            Grade::Refusal => "Refused, and accepted all the same",
-        };
         let text = finding.to_string();
-        Section::Callout(Callout { tone: tone(finding.grade), title: title.to_owned(), text })
+        Section::Callout(Callout { tone: tone(finding.grade), title: title(finding.grade).to_owned(), text })
     })
 }
 
 /// One line a finding, for the terminal.
 pub(crate) fn words(findings: &[Finding]) -> String {
-    let line = |finding: &Finding| {
-        let grade = match finding.grade {
-            Grade::Message => "note",
-            Grade::Warning => "WARNING",
-            Grade::Refusal => "ACCEPTED",
-        };
-        format!("  {grade:<17} {}\n", in_words(&finding.to_string()))
-    };
+    let line = |finding: &Finding| format!("  {:<17} {}\n", in_capitals(finding.grade), in_words(&finding.to_string()));
     findings.iter().map(line).collect()
 }

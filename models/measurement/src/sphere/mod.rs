@@ -3,15 +3,18 @@
 //! Place in the flow: probing test of ISO 10360-5, centres of a scanned reference sphere (Zhang 2016, step 5). Points in,
 //! centre and radius out, all in metres in the frame of the points. The squared distances of the points from the surface,
 //! (|p − c| − r)², are minimised by Gauss-Newton with Levenberg's damping, from an algebraic start; the radius is free or
-//! known. [`SphereFit::without_strays`] leaves out what contradicts all others. Source: Forbes 1991, Least-squares best-fit
+//! known. [`SphereFit::without_strays`] leaves out what contradicts all others; [`SphereFit::contradicting`] holds a known radius
+//! against what the points tell. Source: Forbes 1991, Least-squares best-fit
 //! geometric elements, NPL DITC 140/89.
 
 mod check;
 mod error;
 mod stray;
+mod told;
 
 pub use error::SphereError;
 pub use stray::Stray;
+pub use told::ToldRadius;
 
 use crate::claim::Claim;
 use crate::least_squares;

@@ -240,3 +240,58 @@ fn a_point_that_makes_it_no_sphere_is_named() {
     let message = SphereFit::new(&moved(25, 1.57, &[(6, 3e-3)], 4), SphereRadius::Free, None).unwrap_err().to_string();
     assert!(message.contains("point 7 lies ") && message.contains("(1 of the points"), "{message}");
 }
+
+/// A cap of 12.52047 mm held to 12.5 mm: the centre is 5 U off, and only the free fit tells. Where the points tell no radius, nothing is said.
+#[test]
+fn regress_a_known_radius_that_the_points_contradict_is_told() {
+    let exactly = |radius_m: f64| SphereRadius::Known { radius_m, u_m: 0.0 };
+    for declared in [None, Some(2e-6)] {
+        for (count, half_angle_rad) in [(25, 1.57), (60, 0.8), (200, 0.5)] {
+            let points_m = sphere(&cap(count, half_angle_rad), 12.52047e-3, 2e-6, 5);
+            let told = SphereFit::contradicting(&points_m, exactly(12.5e-3), declared).unwrap();
+            let u_m = told.free.u_m().unwrap()[3];
+            assert!(told.is_certain && (told.difference_m - 20.47e-6).abs() < 4.0 * u_m, "{told:?}");
+            // What it would have published, and what it may say with this difference as an uncertainty of the radius.
+            let off_m = |u_m: f64| {
+                let fit = SphereFit::new(&points_m, SphereRadius::Known { radius_m: 12.5e-3, u_m }, declared).unwrap();
+                let off_m = (fit.centre_m - Vector3::from(CENTRE_M)).z.abs();
+                (off_m, 2.0 * fit.u_m().unwrap()[2])
+            };
+            let ((off_m, before_m), (_, widened_m)) = (off_m(0.0), off_m(told.difference_m));
+            assert!(off_m > 3.0 * before_m && off_m < widened_m, "{count}: {off_m:e} {before_m:e} {widened_m:e}");
+            assert_eq!(SphereFit::contradicting(&points_m, exactly(12.5204e-3), declared), None);
+            assert_eq!(SphereFit::contradicting(&points_m, SphereRadius::Free, declared), None);
+        }
+        // Its uncertainty as given explains the difference.
+        let points_m = sphere(&cap(60, 0.8), 12.52047e-3, 2e-6, 5);
+        let loosely = SphereRadius::Known { radius_m: 12.5e-3, u_m: 10e-6 };
+        assert_eq!(SphereFit::contradicting(&points_m, loosely, declared), None);
+        // A small cap, and few points, tell no radius of a micrometre.
+        for (count, half_angle_rad) in [(60, 0.12), (5, 0.5), (4, 1.57)] {
+            let points_m = sphere(&cap(count, half_angle_rad), 12.52047e-3, 2e-6, 5);
+            let told = SphereFit::contradicting(&points_m, exactly(12.515e-3), declared);
+            assert!(told.as_ref().is_none_or(|told| !told.is_certain), "{count}: {told:?}");
+        }
+    }
+    // Points without any noise are a sphere to rounding.
+    let exact = sphere(&cap(60, 0.8), 0.0125, 0.0, 0);
+    assert_eq!(SphereFit::contradicting(&exact, exactly(0.0125), None), None);
+}
+
+/// Of 1000 right radii 10 are doubted by chance (sd 3), and 0.1 refused.
+#[test]
+fn a_known_radius_that_is_right_is_not_contradicted() {
+    for declared in [None, Some(5e-6)] {
+        for count in [6, 12, 60] {
+            let told: Vec<_> = (0..1000)
+                .filter_map(|seed| {
+                    let u_m = 3e-6;
+                    let radius = SphereRadius::Known { radius_m: 0.0125 + u_m * noise(seed, 1000), u_m };
+                    SphereFit::contradicting(&sphere(&cap(count, 1.2), 0.0125, 5e-6, seed), radius, declared)
+                })
+                .collect();
+            let certain = told.iter().filter(|told| told.is_certain).count();
+            assert!(told.len() <= 22 && certain <= 2, "{count}: {} {certain}", told.len());
+        }
+    }
+}

@@ -3,11 +3,11 @@
 //! Place in the flow: points file → `abbe_measurement::sphere` → [`Product`].
 
 use super::{COVERAGE, Product, claim_json, claim_words};
-use crate::verdict::{self, Accept};
+use crate::verdict::{self, Accept, Objection};
 use abbe_files::{PointRow, PointsReader};
 use abbe_geometry::Vector3;
-use abbe_identify::verdict::Counted;
-use abbe_measurement::sphere::{SphereFit, SphereRadius};
+use abbe_identify::verdict::{Counted, Grade};
+use abbe_measurement::sphere::{SphereFit, SphereRadius, ToldRadius};
 use abbe_report::digits;
 use anyhow::{Context, ensure};
 use serde_json::json;
@@ -50,12 +50,31 @@ pub(crate) fn product(
         fit.radius_m * 1e3,
         if matches!(radius, SphereRadius::Known { .. }) { " and --radius-mm" } else { "" }
     );
+    let told = SphereFit::contradicting(&points_m, radius, u_point_m);
+    let objection = told.as_ref().map(|told| objection(told, &fit));
+    let name = path.display().to_string();
+    if let Some(objection) = &objection {
+        objection.check(
+            accept,
+            &name,
+            || json!({ "radius_mm": fit.radius_m * 1e3, "scatter_um": fit.scatter_m.map(|s| s * 1e6) }),
+        )?;
+    }
+    // Of the free fit where it contradicts the given radius: what that one leaves says nothing of the points.
+    let judged = told.as_ref().map_or(&fit, |told| &told.free).clone();
+    let fit = match (&told, radius) {
+        (Some(told), SphereRadius::Known { radius_m, u_m }) => {
+            let u_m = u_m.hypot(told.difference_m);
+            let wide = SphereFit::without_strays(&points_m, SphereRadius::Known { radius_m, u_m }, u_point_m);
+            wide.with_context(|| name.clone())?.0
+        }
+        _ => fit,
+    };
     let rejected: Vec<(u64, f64)> = strays.iter().map(|stray| (lines[stray.point], stray.off_m * 1e3)).collect();
     let chi2_per_dof =
-        u_point_m.zip(fit.scatter_m).map(|(u_m, scatter_m)| ((scatter_m / u_m).powi(2), fit.degrees_of_freedom));
+        u_point_m.zip(judged.scatter_m).map(|(u_m, scatter_m)| ((scatter_m / u_m).powi(2), judged.degrees_of_freedom));
     let counted = Counted { what: "points", rejected: rejected.len(), all: points_m.len() };
     let verdict = verdict::of_fit(chi2_per_dof, Some(counted));
-    let name = path.display().to_string();
     verdict::check(
         &verdict,
         accept,
@@ -82,17 +101,19 @@ pub(crate) fn product(
     let _ = writeln!(words, "  scatter   {scatter}");
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
     let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);
+    words.extend(objection.iter().map(Objection::words));
     words.push_str(&verdict::words(&verdict.findings));
     words.push_str(&claim_words(fit.claim.as_ref()));
     for (line, off_mm) in &rejected {
         let _ = writeln!(words, "  rejected  line {line}: {off_mm:.4} mm off the sphere of the other points");
     }
     let json = json!({
-        "findings": verdict::json(&verdict.findings),
+        "findings": verdict::with_objection(objection.as_ref(), &verdict.findings),
         "points": points_m.len(),
         "rejected": in_json(&rejected),
         "centre_mm": (fit.centre_m * 1e3).as_slice(),
         "radius_mm": fit.radius_m * 1e3,
+        "fitted_radius_mm": told.as_ref().map(|told| told.free.radius_m * 1e3),
         "radius_is_known": matches!(radius, SphereRadius::Known { .. }),
         "expanded_uncertainty_um": expanded_um.map(|u| json!({ "x": u[0], "y": u[1], "z": u[2], "radius": u[3], "k": COVERAGE })),
         "uncertainty_from": claim_json(fit.claim.as_ref()),
@@ -104,6 +125,28 @@ pub(crate) fn product(
         "software": crate::pipeline::software(),
     });
     Ok(Product { words, json, report: None, files: Vec::new(), withheld: Vec::new() })
+}
+
+/// What the points say against the given radius, and what that does to the centre.
+fn objection(told: &ToldRadius, held: &SphereFit) -> Objection {
+    let fitted_mm = told.free.radius_m * 1e3;
+    let fitted = match told.free.u_m() {
+        Some(u_m) => digits::with_uncertainty(fitted_mm, COVERAGE * u_m[3] * 1e3).join(" +- "),
+        None => format!("{fitted_mm:.5}"),
+    };
+    let moved_um = (held.centre_m - told.free.centre_m).norm() * 1e6;
+    let grade = if told.is_certain { Grade::Refusal } else { Grade::Warning };
+    let finding = format!(
+        "the points tell a radius of {fitted} mm (k = 2), not the {} mm of --radius-mm; held to that, the centre moves by {} um",
+        held.radius_m * 1e3,
+        digits::result(moved_um)
+    );
+    let causes = [
+        "correct --radius-mm (the tip belongs to it where the points are centres of the tip), or leave it out, so that it is fitted",
+        "give its uncertainty by --u-radius-um where that is not 0",
+        "where it is right, the form of the sphere, the probe or the scale is wrong",
+    ];
+    Objection { grade, finding, causes: causes.map(str::to_owned).to_vec() }
 }
 
 /// Lines of rejected points, and how far they lie off the sphere of the others.
