@@ -84,6 +84,67 @@ fn regress_few_points_and_a_noise_declared_too_small_widen_the_uncertainty_of_a_
     assert!(u_um(&json(&[&many, "--u-um", "1"])) > 1.5 * u_um(&own));
 }
 
+/// Held to 14.98 mm the centre of the same points moves by several U; that was published, or the declared noise was blamed.
+#[test]
+fn regress_a_radius_that_the_points_contradict_is_refused_by_name() {
+    let (_folder, points) = file(&rough(25));
+    let with = |more: &[&str]| run([&["sphere", "--points", &points, "--radius-mm", "14.98"], more].concat());
+    for declared in [&[][..], &["--u-um", "0.5"]] {
+        let refused = with(declared).refused();
+        assert_says(
+            &refused,
+            &["radius of 15.000", "+- 0.000", "14.98 mm of --radius-mm", "--u-radius-um", "leave it out"],
+        );
+        assert!(!refused.contains("declared noise"), "{refused}");
+        let accepted: Value =
+            serde_json::from_str(&with(&[declared, &["--json", "--accept-misfit"]].concat()).ok()).unwrap();
+        assert_eq!(accepted["findings"][0]["grade"], "refusal", "{accepted}");
+        let off_um = accepted["centre_mm"][2].as_f64().unwrap().abs() * 1e3;
+        assert!(off_um < accepted["expanded_uncertainty_um"]["z"].as_f64().unwrap(), "{accepted}");
+    }
+    assert_says(&with(&["--accept-misfit"]).ok(), &["ACCEPTED", "14.98 mm of --radius-mm"]);
+    assert!(!with(&["--u-radius-um", "15"]).ok().contains("--radius-mm"), "within its uncertainty");
+    let small: String = rough(25).lines().take(6).map(|line| format!("{line}\n")).collect();
+    let (_folder, few) = file(&small);
+    run(["sphere", "--points", &few, "--radius-mm", "15.001"]).ok();
+}
+
+/// Centres of a head whose A axis lies so far (mm) off its C axis along y, off by about 10 um, at three distances in six poses.
+fn of_head(offset_mm: f64) -> String {
+    let mut content = "a_deg,c_deg,d_mm,x_mm,y_mm,z_mm\n".to_owned();
+    let poses = [(0, 0), (60, 45), (60, -45), (-60, 90), (30, 180), (45, -120)];
+    for (pose, (a_deg, c_deg)) in poses.into_iter().enumerate() {
+        let (a, c) = (f64::from(a_deg).to_radians(), f64::from(c_deg).to_radians());
+        for (place, d) in [90.0, 95.0, 100.0].into_iter().enumerate() {
+            let [x, y, z] = [0.01 * d - 10.9, 0.02 * d + 32.9, -1.0005 * d - 452.0];
+            let [x, y, z] = [x, offset_mm + y * a.cos() - z * a.sin(), y * a.sin() + z * a.cos()];
+            let off = |k: usize| 0.014 * (1.7 * ((9 * pose + 3 * place + k + 1) as f64).powi(2)).sin();
+            let [x, y, z] = [-398.0 - (x * c.cos() - y * c.sin()), -340.0 - (x * c.sin() + y * c.cos()), -864.0 - z];
+            writeln!(content, "{a_deg},{c_deg},{d},{},{},{}", x + off(0), y + off(1), z + off(2)).unwrap();
+        }
+    }
+    content
+}
+
+#[test]
+fn regress_an_offset_of_the_axes_that_was_not_fitted_is_named_with_its_option() {
+    let (_folder, off) = file(&of_head(0.8));
+    let refused = run(["probe-pose", "--centres", &off]).refused();
+    assert_says(&refused, &["the A axis lies 0.8", "--axis-offset", "what a pose adds in common falls from"]);
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(&folder.path().join("out"));
+    let accepted = run(["probe-pose", "--centres", &off, "--accept-misfit", "--json", "--out", &out]).ok();
+    let accepted: Value = serde_json::from_str(&accepted).unwrap();
+    assert_eq!(accepted["findings"][0]["grade"], "refusal");
+    let zero = &accepted["unknowns"][7];
+    let off_mm = (zero["value"].as_f64().unwrap() - 32.9).abs();
+    assert!(off_mm < zero["expanded_uncertainty"].as_f64().unwrap(), "{zero}");
+    assert!(fs::read_to_string(folder.path().join("out/report.html")).unwrap().contains("--axis-offset"));
+    assert!(!run(["probe-pose", "--centres", &off, "--axis-offset"]).ok().contains("--axis-offset"));
+    let (_folder, on) = file(&of_head(0.0));
+    assert!(!run(["probe-pose", "--centres", &on]).ok().contains("--axis-offset"));
+}
+
 #[test]
 fn the_shipped_centres_give_pose_table_and_report() {
     let folder = tempfile::tempdir().unwrap();
@@ -278,6 +339,20 @@ fn targets_that_cannot_tell_the_errors_are_refused() {
     assert_says(&run(["guideway", "--points", &line, "--axis", "x"]).refused(), &["on a line", "aside"]);
     let (_folder, good) = file(&guideway(200.0));
     assert_says(&run(["guideway", "--points", &good, "--axis", "y"]).refused(), &["off the Y axis"]);
+    // A frame 1 degree off the motion: the cosine of 400 mm is 61 um.
+    let tilted: String = (0..15)
+        .map(|k| {
+            let (position, (name, y)) =
+                (100.0 * f64::from(k / 3), [("P", 0.0), ("Q", 5.0), ("K", 200.0)][k as usize % 3]);
+            let (along, turn) = (1000.0 + position + 150.0 * f64::from(k % 3), 1f64.to_radians());
+            let noise = 0.002 * (1.7 * f64::from(k * k)).sin();
+            format!("{position},{name},{},{},{}\n", along * turn.cos() + noise, along * turn.sin(), y - noise)
+        })
+        .collect();
+    let (_folder, tilted) = file(&format!("position_mm,target,x_mm,y_mm,z_mm\n{tilted}"));
+    let said = run(["guideway", "--points", &tilted, "--axis", "x"]).refused();
+    assert_says(&said, &["1.00 degrees off the X axis", "EXX", "60.9 um", "--frame along-motion"]);
+    assert_says(&run(["guideway", "--points", &tilted, "--axis", "x", "--frame", "along-motion"]).ok(), &["EXX"]);
     let (_folder, twice) = file(&guideway(200.0).replace("100,Q,", "100,P,"));
     assert_says(&run(["guideway", "--points", &twice, "--axis", "x"]).refused(), &["twice", "100 mm"]);
     let (_folder, steep) = file("position_mm,target,range_mm,azimuth_deg,elevation_deg\n0,P,2000,0,95\n");

@@ -5,12 +5,12 @@
 
 use super::{COVERAGE, Product, claim_json, claim_words, of_claim};
 use crate::provenance::made_from;
-use crate::verdict::{self, Accept};
+use crate::verdict::{self, Accept, Objection};
 use abbe_files::{hex, read_sphere_centres_file};
 use abbe_geometry::Vector3;
-use abbe_identify::verdict::Verdict;
+use abbe_identify::verdict::{Grade, Verdict};
 use abbe_measurement::probe_pose::{
-    Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
+    Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre, ToldOffset,
     leave_one_centre_out, leave_one_pose_out, near_poses,
 };
 use abbe_report::{
@@ -79,24 +79,57 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
     let again = leave_one_centre_out(&file.rows, model).with_context(name)?;
     let poses = leave_one_pose_out(&file.rows, model).ok();
     tell_near(&name(), &file.rows);
+    let told = pose.untold_offset(&file.rows);
+    let objection = told.as_ref().map(|told| objection(told, &pose));
+    let pose = match &told {
+        Some(told) => pose.widened_to(&told.with),
+        None => pose,
+    };
     let judged = Judged { centres: file.rows, pose, table, poses, again };
     let harm = judged.harm();
     let mut json = judged.json(&file.sha256);
+    if let Some(objection) = &objection {
+        objection.check(accept, &name(), || json.clone())?;
+    }
     let verdict = verdict::of_fit(judged.within(), None);
     verdict::check(&verdict, accept, &name(), || json.clone())?;
-    json["findings"] = verdict::json(&verdict.findings);
+    json["findings"] = verdict::with_objection(objection.as_ref(), &verdict.findings);
     if let Some(harm) = &harm {
         eprintln!("abbe: warning: {}: {harm}; no {TABLE} is written", name());
     }
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
-        words: judged.words() + &verdict::words(&verdict.findings) + &claim_words(judged.pose.claim.as_ref()),
-        report: Some(judged.report(path, &file.sha256, &verdict)),
+        words: judged.words()
+            + &objection.as_ref().map_or_else(String::new, Objection::words)
+            + &verdict::words(&verdict.findings)
+            + &claim_words(judged.pose.claim.as_ref()),
+        report: Some(judged.report(path, &file.sha256, (objection.as_ref(), &verdict))),
         files: harm.is_none().then(|| (TABLE, judged.csv())).into_iter().chain([(FIGURES, text)]).collect(),
         withheld: harm.map(|_| TABLE).into_iter().collect(),
         json,
     })
+}
+
+/// The offset that was not fitted, and what it explains.
+fn objection(told: &ToldOffset, pose: &ProbePose) -> Objection {
+    let [offset, u] = digits::with_uncertainty(told.offset_m * 1e3, COVERAGE * told.u_m * 1e3);
+    let um = |m: f64| digits::result(m * 1e6);
+    let explained = match (pose.scatter.between_m, told.with.scatter.between_m) {
+        (Some(before), Some(after)) => {
+            format!("what a pose adds in common falls from {} to {} um with it", um(before), um(after))
+        }
+        _ => format!("the residual falls from {} to {} um rms with it", um(pose.rms_m()), um(told.with.rms_m())),
+    };
+    let moved_um = (told.with.zero_m - pose.zero_m).norm() * 1e6;
+    Objection {
+        grade: if told.is_certain { Grade::Refusal } else { Grade::Warning },
+        finding: format!(
+            "the A axis lies {offset} +- {u} mm (k = 2) off the C axis along y, which was not fitted: {explained}, and T_p moves by {} um",
+            digits::result(moved_um)
+        ),
+        causes: vec!["fit it by --axis-offset; uncertainties without it are widened by what it moves".to_owned()],
+    }
 }
 
 /// Says on standard error which poses nearly coincide: taken as one or as two, their scatter says different things.
@@ -302,8 +335,9 @@ impl Judged {
         })
     }
 
-    fn report(&self, path: &Path, sha256: &[u8; 32], verdict: &Verdict) -> Report {
+    fn report(&self, path: &Path, sha256: &[u8; 32], (objection, verdict): (Option<&Objection>, &Verdict)) -> Report {
         let mut sections = vec![self.key_figures()];
+        sections.extend(objection.map(Objection::callout));
         sections.extend(verdict::callouts(&verdict.findings));
         sections.push(self.worth());
         let claim = self.pose.claim.as_ref().and_then(of_claim);
