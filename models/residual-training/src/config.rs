@@ -136,6 +136,10 @@ pub enum ConfigRange {
 }
 
 impl Config {
+    /// What `split.folds` and `split.blocks_per_axis` may be.
+    pub(crate) const FOLDS: std::ops::RangeInclusive<usize> = 3..=20;
+    pub(crate) const BLOCKS_PER_AXIS: std::ops::RangeInclusive<usize> = 2..=20;
+
     /// Refuses values out of range.
     pub fn check(&self) -> Result<(), ConfigRange> {
         self.network.check()?;
@@ -151,8 +155,8 @@ impl Config {
         rule("optimiser.learning_rate", learning_rate.to_string(), "give a number between 0 and 1", is_rate)?;
         rule("optimiser.decay", decay.to_string(), "give a number above 0, at most 1", decay > 0.0 && decay <= 1.0)?;
         let folds = self.split.folds;
-        rule("split.folds", folds.to_string(), "give 3 to 20", (3..=20).contains(&folds))?;
+        rule("split.folds", folds.to_string(), "give 3 to 20", Config::FOLDS.contains(&folds))?;
         let blocks = self.split.blocks_per_axis;
-        rule("split.blocks_per_axis", blocks.to_string(), "give 2 to 20", (2..=20).contains(&blocks))
+        rule("split.blocks_per_axis", blocks.to_string(), "give 2 to 20", Config::BLOCKS_PER_AXIS.contains(&blocks))
     }
 }

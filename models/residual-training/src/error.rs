@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: every step of [`crate::train()`] returns it; the texts say what to do.
 
-use crate::config::ConfigRange;
+use crate::config::{ConfigRange, Split, SplitKind};
 use crate::optimise::OptimiseError;
 use crate::views::ViewError;
 use abbe_field::kriging::KrigingError;
@@ -26,16 +26,26 @@ pub enum TrainingError {
     Few(usize),
     /// A fold without points.
     #[error(
-        "the points lie in {occupied} of {blocks} blocks of space, which cannot be dealt to {folds} folds with enough points each; in \
-         [split] of the configuration give fewer folds or more blocks_per_axis, or kind = \"random\", whose figures flatter"
+        "{points} points, {occupied} parts of space with points in them, dealt to {folds} folds: what is held out leaves {learnt} points to \
+         learn from at the least, and {least} are needed in each, with no fold empty; {}{}",
+        remedy_words(remedy.as_ref()),
+        more_words(*points, *enough, *folds)
     )]
     Folds {
+        /// All points.
+        points: usize,
         /// Blocks with points.
         occupied: usize,
-        /// All blocks.
-        blocks: usize,
         /// Folds.
         folds: usize,
+        /// Points left to learn from where fewest are.
+        learnt: usize,
+        /// As many are needed.
+        least: usize,
+        /// A split that works with these points.
+        remedy: Option<Split>,
+        /// Points that are enough for these folds where they are of even size.
+        enough: usize,
     },
     /// Kriging has no fit.
     #[error("kriging: {0}")]
@@ -68,4 +78,23 @@ pub enum TrainingError {
     /// Nothing held out, or errors of exactly zero.
     #[error("{0}: held-out predictions give no scale for the uncertainty; are all residuals equal?")]
     NoCalibration(&'static str),
+}
+
+/// What to write in the configuration.
+fn remedy_words(remedy: Option<&Split>) -> String {
+    let Some(Split { kind, folds, blocks_per_axis }) = remedy else { return String::new() };
+    let (keys, but) = match kind {
+        SplitKind::Blocks => (format!("folds = {folds} and blocks_per_axis = {blocks_per_axis}"), ""),
+        SplitKind::Random => (format!("folds = {folds} and kind = \"random\""), ", whose figures flatter"),
+    };
+    format!("these points train with {keys} in [split] of the configuration (--config){but}; or ")
+}
+
+/// What to measure.
+fn more_words(points: usize, enough: usize, folds: usize) -> String {
+    if points < enough {
+        format!("measure more: {enough} points or more, evenly spread, are enough for {folds} folds")
+    } else {
+        format!("measure in more parts of space, as many points in each: {folds} folds want {folds} parts or more")
+    }
 }

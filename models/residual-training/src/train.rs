@@ -15,7 +15,7 @@
 //! units of the network (mean and deviation of the residuals, scales of the inputs) come from all points. Where there are further
 //! inputs, kriging on the position alone is held out as well, on the same folds: it is what they must be worth more than.
 
-use crate::config::{Config, Method, Split, SplitKind};
+use crate::config::{Config, Method, Split};
 use crate::device::Device;
 use crate::error::{LEAST_POINTS, TrainingError};
 use crate::held_out::{self, HeldOutPoint, Predicted};
@@ -28,10 +28,12 @@ use crate::split;
 use abbe_field::Samples;
 use abbe_residual_net::network::MOST_NEIGHBOURED;
 use abbe_residual_net::{Calibration, Kriging, ModelError, ResidualMethod, ResidualModel, check_units};
+use remedy::Dealt;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use task::Task;
 
+mod remedy;
 mod task;
 
 /// Points that kriging, or a member of networks, learns from at least; of a member's, a quarter leaves the lattice at a time.
@@ -258,21 +260,25 @@ fn check_folds(field: &Samples, config: &Config, fold: &[usize]) -> Result<(), T
     if fold.len() < LEAST_POINTS {
         return Err(TrainingError::Few(fold.len()));
     }
-    let folds = config.split.folds;
-    let held = |number: usize| fold.iter().filter(|f| **f == number).count();
     // A network does not see two folds: the one it predicts, and the one that stops it.
     let has_networks = !networks_of(field, config).is_empty();
-    let (least, stopping) = if has_networks { (LEAST_LEARNT_BY_MEMBERS, 1) } else { (LEAST_LEARNT, 0) };
-    let learnt = |number: usize| fold.len() - held(number) - stopping * held((number + 1) % folds);
-    if (0..folds).any(|number| held(number) == 0 || learnt(number) < least) {
-        let occupied = split::blocks(&field.places(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
-        let blocks = match config.split.kind {
-            SplitKind::Random => fold.len(),
-            SplitKind::Blocks => config.split.blocks_per_axis.pow(3),
-        };
-        return Err(TrainingError::Folds { occupied, blocks, folds });
+    let (least, unseen) = if has_networks { (LEAST_LEARNT_BY_MEMBERS, 2) } else { (LEAST_LEARNT, 1) };
+    let dealt = Dealt::of(fold, config.split.folds, unseen);
+    if dealt.suffices(least) {
+        return Ok(());
     }
-    Ok(())
+    let occupied = split::blocks(&field.places(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
+    Err(TrainingError::Folds {
+        points: fold.len(),
+        occupied,
+        folds: config.split.folds,
+        learnt: dealt.learnt,
+        least,
+        remedy: remedy::split(&config.split, |split| {
+            Dealt::of(&split::folds(&field.places(), split, config.seed), split.folds, unseen).suffices(least)
+        }),
+        enough: remedy::enough(config.split.folds, unseen, least).max(LEAST_POINTS),
+    })
 }
 
 /// Judges, chooses, calibrates, assembles.

@@ -25,7 +25,7 @@ const LEAST_SCALE: f64 = 1e-6;
 pub enum ViewError {
     /// Too few points are left somewhere.
     #[error(
-        "of the points left after holding some out: {0}; or hold out less by fewer folds or more blocks_per_axis in [split]"
+        "of the points left after holding some out: {0}; or hold out less by more folds or more blocks_per_axis in [split]"
     )]
     Field(#[from] FieldError),
     /// Kriging of a part has no solution.

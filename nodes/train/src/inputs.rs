@@ -48,6 +48,11 @@ impl Inputs {
         self.has_position && self.further.is_empty()
     }
 
+    /// Whether this column was named beside the position.
+    pub(crate) fn is_further(&self, column: &str) -> bool {
+        self.further.iter().any(|known| known == column)
+    }
+
     /// The words of the command line, to be written into another.
     pub(crate) fn words(&self) -> String {
         let position = self.has_position.then_some(WORD);

@@ -148,8 +148,13 @@ fn points_that_cannot_be_held_out_are_refused_with_a_way_out() {
     let points: Vec<_> = random_points_m(60, 2).into_iter().enumerate().map(|(k, p)| p * 0.1 + far(k)).collect();
     let clusters = SimulatedField::new(Character::Smooth, 2).measured(points, 3).unwrap();
     let error = refused(&clusters).unwrap();
-    assert_eq!(error, TrainingError::Folds { occupied: 2, blocks: 64, folds: 3 });
-    assert!(error.to_string().contains("blocks_per_axis"), "{error}");
+    assert!(
+        matches!(error, TrainingError::Folds { points: 60, occupied: 2, folds: 3, remedy: Some(_), .. }),
+        "{error:?}"
+    );
+    // Blocks of a twentieth of the volume do not divide the two clusters, only single points do.
+    let says = error.to_string();
+    assert!(says.contains("folds = 3 and kind = \"random\"") && says.contains("more parts of space"), "{says}");
 }
 
 #[test]
@@ -225,4 +230,33 @@ fn more_inputs_than_a_network_on_the_neighbourhood_takes_are_refused_unless_anot
     let trained = train(&all, &quick(Method::Recommended), &Device::cpu(), None, &mut go_on).unwrap();
     let methods: Vec<&str> = trained.record.held_out.iter().map(|h| h.method.as_str()).collect();
     assert_eq!(methods, ["zero", "kriging", "perceptron-kriging"]);
+}
+
+/// What a refusal names trains: fewer folds never did, and at 20 points nothing that it named.
+#[test]
+fn regress_the_split_that_a_refusal_names_trains() {
+    let mut refused = 0;
+    for count in 20..=30 {
+        for seed in 0..4 {
+            let few = field(Character::Smooth, count, 10 * seed + 1);
+            let mut config = quick(Method::KrigingNetwork);
+            config.optimiser.epochs = 1;
+            config.split = Split::default();
+            let with = |config: &Config| train(&few, config, &Device::cpu(), None, &mut go_on);
+            let error = match with(&config) {
+                Ok(_) => continue,
+                Err(error) => error,
+            };
+            let TrainingError::Folds { remedy: Some(remedy), enough, .. } = error else { panic!("{count}: {error}") };
+            // 27 points leave 15 of 5 folds of at most 6; 28 leave 16.
+            assert_eq!(enough, 28);
+            assert!(error.to_string().contains(&format!("folds = {}", remedy.folds)), "{error}");
+            config.split = remedy;
+            if let Err(error) = with(&config) {
+                panic!("{count} {seed} {remedy:?}: {error}");
+            }
+            refused += 1;
+        }
+    }
+    assert!(refused > 10, "{refused}");
 }
