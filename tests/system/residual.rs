@@ -223,6 +223,41 @@ fn what_it_does_not_belong_to_is_refused() {
     assert_says(&said, &["wrong.toml", "epochs"]);
 }
 
+/// So many rows of a table, its head with them.
+fn first(table: &str, rows: usize) -> String {
+    let head = table.lines().take_while(|line| line.starts_with('#')).count() + 1;
+    table.lines().take(head + rows).map(|line| format!("{line}\n")).collect()
+}
+
+#[test]
+fn regress_few_vectors_are_sent_where_they_are_taken_and_few_folds_are_named_that_train() {
+    let bench = bench();
+    let own = Bench::identified(9);
+    let (model, out) = (own.write("model.json", bench.read("model.json")), own.text("residuals.csv"));
+    for (rows, next) in [(15, "abbe interpolate --vectors"), (40, "abbe train --residuals")] {
+        let points = own.write("known.csv", first(&bench.read("teach.csv"), rows));
+        let said = run(["residuals", "--model", &model, "--campaign", &points, "--out", &out]).ok();
+        assert_says(&said, &[next]);
+        assert_eq!(said.contains("too few for abbe train, which takes 20 or more"), rows == 15, "{said}");
+        if rows == 15 {
+            let train = run(["train", "--residuals", &out, "--out", &own.text("no.json")]).refused();
+            assert_says(&train, &["15 points", "at least 20"]);
+            let answer = own.text("errors.csv");
+            run(["interpolate", "--vectors", &out, "--at", &bench.text("judge.csv"), "--out", &answer]).ok();
+        }
+    }
+    let few = own.write("few.csv", first(&bench.read("residuals.csv"), 21));
+    let network = QUICK_NETWORK.replace("[split]\nfolds = 3\n", "");
+    let with = |config: &str| {
+        let config = own.write("config.toml", config);
+        run(["train", "--residuals", &few, "--config", &config, "--out", &own.text("few.json")])
+    };
+    let said = with(&network).refused();
+    assert_says(&said, &["21 points", "16 are needed", "these points train with folds = ", "28 points or more"]);
+    let keys = said.split("these points train with ").nth(1).unwrap().split(" in [split]").next().unwrap();
+    with(&format!("{network}[split]\n{}\n", keys.replace(" and ", "\n"))).ok();
+}
+
 #[test]
 fn what_is_read_is_never_replaced_and_a_missing_folder_is_found_before_the_work() {
     let bench = bench();

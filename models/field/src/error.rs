@@ -38,7 +38,8 @@ pub enum FieldError {
     Uncertainty(usize),
     /// The same point twice.
     #[error(
-        "points {first} and {second} are the same within a micrometre; average repeated measurements to one point first"
+        "points {first} and {second} are the same within a micrometre; average repeated measurements of one tip to one point first, and give \
+         those of another tip (offset, reflector holder) in a file of their own"
     )]
     Duplicate {
         /// Index of one.

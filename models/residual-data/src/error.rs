@@ -55,13 +55,64 @@ pub enum ResidualError {
     },
     /// No component of any point is seen.
     #[error(
-        "no station sees any component of the residual at any point; measure from more stations, around the volume"
+        "{readings} ranges from {stations} stations tell of no component of the residual, at any point, more than the size of the field \
+         ({amplitude_um:.2} um) itself: beside a field they leave {noise:.1} times the declared noise ({without:.1} without one); {}",
+        unseen_words(*stations, *noise)
     )]
-    Unseen,
+    Unseen {
+        /// Ranges used.
+        readings: usize,
+        /// Stations that they come from.
+        stations: usize,
+        /// Largest size of the field along an axis (µm).
+        amplitude_um: f64,
+        /// Noise over declared noise beside the field, and without any.
+        noise: f64,
+        /// The same without any field.
+        without: f64,
+    },
     /// Fewer known points than fix frame and field.
     #[error("{0} points are too few to tell a field from a misaligned frame; give at least {1}")]
     FewPoints(usize, usize),
     /// Stopped on request.
     #[error("stopped on request")]
     Stopped,
+}
+
+/// Noise over declared noise from which the ranges contradict each other.
+const CONTRADICTS: f64 = 1.3;
+/// Stations from which lines of sight cross in all directions, if they stand around the volume.
+const ENOUGH_STATIONS: usize = 4;
+
+/// What hides a field, and what to do.
+fn unseen_words(stations: usize, noise: f64) -> &'static str {
+    match (noise > CONTRADICTS, stations < ENOUGH_STATIONS) {
+        (true, _) => {
+            "what they contradict each other by is no field of position: an instrument whose zero or scale wanders, a station that moved, \
+             or a noise declared too small; look for it with abbe diagnose --campaign, and measure again"
+        }
+        (false, true) => "measure from more stations, around the volume",
+        (false, false) => {
+            "it is too small for so many ranges, or changes faster than they follow; measure more points, closer together"
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_what_hides_a_field_is_the_noise_where_stations_are_many() {
+        let said = |stations, noise| {
+            ResidualError::Unseen { readings: 700, stations, amplitude_um: 1.4, noise, without: 4.0 }.to_string()
+        };
+        assert!(
+            said(5, 4.0).contains("4.0 times the declared noise") && said(5, 4.0).contains("wanders"),
+            "{}",
+            said(5, 4.0)
+        );
+        assert!([said(5, 4.0), said(5, 1.0)].iter().all(|said| !said.contains("more stations")));
+        assert!(said(2, 1.0).contains("measure from more stations"));
+    }
 }

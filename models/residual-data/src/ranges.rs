@@ -20,6 +20,7 @@ use abbe_measurement::subset::spread;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeSet;
 
 /// Evidence that a field needs: gain of twice the log likelihood less ln n for each of its numbers, as for an effect.
 const LEAST_EVIDENCE: f64 = 10.0;
@@ -112,7 +113,14 @@ pub fn from_ranges(
     let seen = |estimate: &PointResidual| unseen_components(estimate, &prior) < 3;
     let points: Vec<PointResidual> = estimated.into_iter().filter(seen).collect();
     if points.is_empty() {
-        return Err(ResidualError::Unseen);
+        let used: BTreeSet<u32> = problem.stations.iter().copied().collect();
+        return Err(ResidualError::Unseen {
+            readings: problem.len(),
+            stations: used.len(),
+            amplitude_um: prior.amplitude_m.into_iter().fold(0.0, f64::max) * 1e6,
+            noise: prior.noise,
+            without: none.noise,
+        });
     }
     Ok(FromRanges {
         unseen_points: count - points.len(),

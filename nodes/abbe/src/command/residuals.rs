@@ -37,6 +37,10 @@ use std::path::PathBuf;
 /// Share of the readings that must belong to shared points for these to be used alone.
 const MOSTLY_SHARED: f64 = 0.5;
 
+/// Vectors that `abbe train` and `abbe interpolate` take at least.
+const LEAST_TRAINED: usize = 20;
+const LEAST_INTERPOLATED: usize = 8;
+
 /// Arguments of `residuals`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -119,11 +123,30 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for note in &computed.notes {
         println!("  {note}");
     }
-    Next::new("to learn them as a field", "train")
-        .file("--residuals", &arguments.out)
-        .text("--out residual.json")
-        .print();
+    next(arguments, computed.points.len()).print();
     Ok(())
+}
+
+/// What takes so many vectors.
+fn next(arguments: &Arguments, count: usize) -> Next {
+    let is_table = arguments.out.extension().is_some_and(|extension| extension == "csv");
+    match count {
+        LEAST_TRAINED.. => Next::new("to learn them as a field", "train")
+            .file("--residuals", &arguments.out)
+            .text("--out residual.json"),
+        LEAST_INTERPOLATED.. if is_table => {
+            println!("  {count} are too few for abbe train, which takes {LEAST_TRAINED} or more");
+            Next::new("to have the residuals between the points", "interpolate")
+                .file("--vectors", &arguments.out)
+                .text("--at POINTS.csv --out errors.csv")
+        }
+        _ => {
+            println!(
+                "  {count} are too few for a field: abbe train takes {LEAST_TRAINED} or more; measure more points"
+            );
+            Next::new("to plan more", "plan --machine MACHINE.toml --request REQUEST.toml --out plan")
+        }
+    }
 }
 
 /// Writes a table or a bag, by the name.
@@ -331,7 +354,7 @@ fn ranges(
             prior.noise
         ),
         format!(
-            "{unseen_points} points left out and {unseen_components} components uncertain, because no line of sight tells of them"
+            "{unseen_points} points left out and {unseen_components} components uncertain: beside the noise the ranges tell no more of them than the size of the field"
         ),
     ];
     let findings = verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string()));
