@@ -282,3 +282,100 @@ fn a_method_that_is_worse_than_the_mean_is_said_to_be() {
     assert_says(&said, &["<0", "R2 below 0: the method answers worse than the mean of all vectors would"]);
     assert!(!said.contains("-0.") && !said.contains("-1."), "{said}");
 }
+
+/// Two reflector holders at the same readings, of a machine whose X axis pitches: their errors differ by the lever.
+fn two_holders() -> (String, impl Fn([f64; 3], f64) -> [f64; 3]) {
+    let error_um = |p: [f64; 3], offset_x: f64| {
+        let pitch_urad = 40.0 * (p[0] / 90.0).sin();
+        let own = error_um(p);
+        [own[0], own[1], own[2] - pitch_urad * offset_x / 1e3]
+    };
+    let mut csv = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm\n".to_owned();
+    let mut row = 0;
+    for (k, station) in STATIONS_MM.iter().enumerate() {
+        for offset_x in [0.0, 120.0] {
+            for point in lattice() {
+                let error = error_um(point, offset_x);
+                let tip = [point[0] + offset_x, point[1], point[2] - 60.0];
+                let square: f64 = (0..3).map(|d| (tip[d] + error[d] / 1e3 - station[d]).powi(2)).sum();
+                let [x, y, z] = point;
+                writeln!(csv, "S{k},S{k}H{offset_x},{row},{x},{y},{z},{offset_x},0,-60,{:.9}", square.sqrt() - 300.0)
+                    .unwrap();
+                row += 1;
+            }
+        }
+    }
+    (csv, error_um)
+}
+
+#[test]
+fn regress_vectors_of_two_reflector_holders_are_no_field_of_one_tip() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, error_um) = two_holders();
+    let campaign = write(folder.path(), "campaign.csv", &csv);
+    let (machine, vectors) = (text(&machine()), text(&folder.path().join("vectors.csv")));
+    let points = |more: &[&str], out: &str| {
+        run([&["points", "--machine", &machine, "--campaign", &campaign, "--out", out], more].concat())
+    };
+    let said = points(&[], &vectors).ok();
+    assert_says(
+        &said,
+        &["240 points solved, 0 not", "offsets           2: 0 0 -60 mm (120 points), 120 0 -60 mm (120 points)"],
+    );
+    assert_says(&said, &["to have the vectors of one tip", "--offset-mm=0,0,-60"]);
+    let both = fs::read_to_string(&vectors).unwrap();
+    let mut lines = both.lines();
+    assert_says(lines.next().unwrap(), &["# errors of 2 tips", "scale readings"]);
+    assert!(lines.next().unwrap().starts_with("x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,res_x_um"));
+    let at = write(folder.path(), "at.csv", "x_mm,y_mm,z_mm\n140,180,220\n");
+    let out = text(&folder.path().join("answers.csv"));
+    let refusals: [&[&str]; 5] = [
+        &["interpolate", "--vectors", &vectors, "--at", &at, "--out", &out],
+        &["interpolate", "--vectors", &vectors, "--splits", "2"],
+        &["train", "--residuals", &vectors, "--out", &out],
+        &["compare", "--residuals", &vectors],
+        &["diagnose", "--residuals", &vectors, "--out", &out],
+    ];
+    for command in refusals {
+        let said = run(command.to_vec()).refused();
+        assert_says(&said, &["vectors.csv, line 123, column offset_x_mm", "of 2 tips", "abbe points --offset-mm"]);
+    }
+    assert_says(
+        &points(&["--offset-mm=5,0,-60"], &out).refused(),
+        &["no point was measured with the offset 5 0 -60 mm", "120 0 -60 mm"],
+    );
+    let at_tips = |x: &str| {
+        let rows = format!("140,180,220,{x}\n").replace('\n', ",0,-60\n");
+        write(folder.path(), "at_tips.csv", &format!("x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm\n{rows}"))
+    };
+    // Each tip by itself is answered as it is; the frame that ranges cannot tell is common to both.
+    let mut answers = Vec::new();
+    for offset_x in [0.0, 120.0] {
+        let own = text(&folder.path().join("own.csv"));
+        let said = points(&[&format!("--offset-mm={offset_x},0,-60")], &own).ok();
+        assert_says(&said, &["120 points solved, 0 not", "2 offsets were measured"]);
+        assert_says(
+            &fs::read_to_string(&own).unwrap(),
+            &["# errors of the tip at offset", "x_mm,y_mm,z_mm,offset_x_mm"],
+        );
+        let ask = |x: &str| run(["interpolate", "--vectors", &own, "--at", &at_tips(x), "--out", &out]);
+        assert_says(
+            &ask("7\n140,180,260,9").refused(),
+            &["at_tips.csv: the points are of 2 tips", "7 0 -60 mm, 9 0 -60 mm"],
+        );
+        assert_says(
+            &ask("7").refused(),
+            &["a tip with the offset 7 0 -60 mm", &format!("one with {offset_x} 0 -60 mm")],
+        );
+        ask(&offset_x.to_string()).ok();
+        let asked = fs::read_to_string(&out).unwrap();
+        run(["interpolate", "--vectors", &own, "--at", &at, "--out", &out]).ok();
+        assert_eq!(asked, fs::read_to_string(&out).unwrap());
+        let found = fs::read_to_string(&out).unwrap();
+        let row: Vec<f64> = found.lines().nth(1).unwrap().split(',').filter_map(|cell| cell.parse().ok()).collect();
+        answers.push(row[5]);
+    }
+    let truth = [0.0, 120.0].map(|offset_x| error_um([140.0, 180.0, 220.0], offset_x)[2]);
+    let (found, wanted) = (answers[1] - answers[0], truth[1] - truth[0]);
+    assert!(wanted.abs() > 3.0 && (found - wanted).abs() < 1.0, "{found} for {wanted}");
+}

@@ -4,7 +4,7 @@
 //! frame.
 
 use abbe_field::MeasuredField;
-use abbe_files::{Lacks, StudyFile, read_plane_vectors_file};
+use abbe_files::{Lacks, StudyFile, read_plane_vectors_file, tip_of};
 use abbe_geometry::{Axis, Vector3};
 use anyhow::Context;
 use std::path::Path;
@@ -19,6 +19,8 @@ pub struct PlaneField {
     pub lines: Vec<u64>,
     /// SHA-256 of the bytes of the file.
     pub sha256: [u8; 32],
+    /// Offset of the tip that was measured (m, ram frame), where the file says it.
+    pub tip_m: Option<[f64; 3]>,
 }
 
 /// Reads vectors of a volume or a plane. Of a plane a component that is zero in every row was not measured.
@@ -32,6 +34,7 @@ pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
         path.display(),
         poses.len()
     );
+    let tip_m = tip_of(&rows);
     let first = &rows[0];
     let mut lacks = Lacks {
         position: first.position_lacks,
@@ -46,8 +49,8 @@ pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
     if lacks.error.is_none() && field.plane().is_some() {
         lacks.error = Axis::ALL.into_iter().find(|axis| errors_m.iter().all(|error| error[axis.index()] == 0.0));
     }
-    let Some(axis) = lacks.error else { return Ok(PlaneField { field, lacks, lines, sha256 }) };
+    let Some(axis) = lacks.error else { return Ok(PlaneField { field, lacks, lines, sha256, tip_m }) };
     let other = (axis.index() + 1) % 3;
     errors_m.iter_mut().for_each(|error| error[axis.index()] = error[other]);
-    Ok(PlaneField { field: field.with_errors(errors_m).with_context(of_rows)?, lacks, lines, sha256 })
+    Ok(PlaneField { field: field.with_errors(errors_m).with_context(of_rows)?, lacks, lines, sha256, tip_m })
 }

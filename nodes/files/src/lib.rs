@@ -41,6 +41,7 @@ mod residual_csv;
 mod residual_file;
 mod study_csv;
 mod table_facts;
+mod tips;
 mod toml_place;
 mod units;
 mod vectors_csv;
@@ -77,6 +78,7 @@ pub use study_csv::{
     read_sphere_centres, read_sphere_centres_file,
 };
 pub use table_facts::{TableFacts, is_temperature};
+pub use tips::{is_one_tip, offset_words, refuse_several_tips, tip_of};
 pub use vectors_csv::{
     ErrorVector, Lacks, Positions, read_plane_positions_file, read_positions, read_positions_file, write_error_vectors,
     write_plane_errors,

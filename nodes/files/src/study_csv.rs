@@ -18,6 +18,7 @@ use crate::notice::tell_once;
 use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::predicted_csv;
 use crate::table_facts::is_temperature;
+use crate::tips::refuse_several_tips;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_diagnose::study::vectors::ResidualVector;
@@ -83,7 +84,8 @@ pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVecto
 }
 
 /// Reads residual vectors that other quantities may stand for than positions; also says whether positions are there. Where they are
-/// not, those of a row mean nothing.
+/// not, those of a row mean nothing. Rows of several tips are for the caller to refuse ([`refuse_several_tips`]): their offset may be
+/// one of those quantities.
 pub fn read_input_vectors_file(path: &Path) -> Result<(StudyFile<ResidualVector>, bool), FileError> {
     let (input, file) = open(path)?;
     let source = CsvSource::new(input, &file)?;
@@ -219,17 +221,22 @@ impl Reached {
 
 /// Reads residual vectors of a volume from anything; `file` is its name in messages.
 pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
-    vectors(CsvSource::new(input, file)?, Lack::Nothing)
+    of_one_tip(file, vectors(CsvSource::new(input, file)?, Lack::Nothing)?)
 }
 
 /// Reads residual vectors of a volume or a plane from anything; `file` is its name in messages.
 pub fn read_plane_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
-    vectors(CsvSource::new(input, file)?, Lack::OneAxis)
+    of_one_tip(file, vectors(CsvSource::new(input, file)?, Lack::OneAxis)?)
 }
 
 /// The same of which two components may be missing.
 pub fn read_component_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
-    vectors(CsvSource::new(input, file)?, Lack::TwoComponents)
+    of_one_tip(file, vectors(CsvSource::new(input, file)?, Lack::TwoComponents)?)
+}
+
+fn of_one_tip(file: &str, table: StudyFile<ResidualVector>) -> Result<StudyFile<ResidualVector>, FileError> {
+    refuse_several_tips(file, (&table.rows, &table.lines), |_| false)?;
+    Ok(table)
 }
 
 /// What residual vectors may lack.

@@ -8,7 +8,10 @@ use crate::inputs::{Inputs, samples};
 use abbe::plane_field::{PlaneField, plane_field};
 use abbe::{is_bag, residual_bag};
 use abbe_field::{MeasuredField, Samples};
-use abbe_files::{Lacks, ResidualOwner, read_input_vectors_file, read_residual_origin, read_residual_vectors_file};
+use abbe_files::{
+    Lacks, ResidualOwner, read_input_vectors_file, read_residual_origin, read_residual_vectors_file,
+    refuse_several_tips,
+};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::Config;
@@ -64,6 +67,7 @@ impl Data {
             "{name}: a bag of residual vectors has positions alone; write them as CSV (abbe residuals --out NAME.csv)"
         );
         let (table, has_position) = read_input_vectors_file(path)?;
+        refuse_several_tips(&name.to_string(), (&table.rows, &table.lines), |column| inputs.is_further(column))?;
         let owner = read_residual_origin(path)?.map(|origin| origin.owner);
         let residual_m: Vec<Vector3<f64>> = table.rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
         check_vectors(&residual_m, owner.is_some()).with_context(|| name.to_string())?;

@@ -16,7 +16,7 @@ use abbe_field::kriging::AveragedKriging;
 use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::scores::{INTERPOLATING_SHARE, Score, score, split};
 use abbe_field::{Interpolator, MeasuredField, OnPlane, Trilinear, Unanswered};
-use abbe_files::{ErrorVector, Lacks, read_plane_positions_file, write_plane_errors};
+use abbe_files::{ErrorVector, Lacks, is_one_tip, offset_words, read_plane_positions_file, write_plane_errors};
 use abbe_geometry::Axis;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_report::digits;
@@ -153,6 +153,7 @@ fn answer(arguments: &Arguments, read: &PlaneField, at: &std::path::Path, out: &
             word(wanted)
         );
     }
+    check_tip(&at.display().to_string(), &positions.tips_m, read.tip_m)?;
     let named = || arguments.vectors.display().to_string();
     let mut held = held::hold(&arguments.vectors, read, arguments.method == Method::Kriging)?;
     held.say();
@@ -203,21 +204,45 @@ fn answer(arguments: &Arguments, read: &PlaneField, at: &std::path::Path, out: &
     Ok(())
 }
 
+/// Refuses points of another tip than that of the vectors, and of several: a field of the position is that of one.
+fn check_tip(at: &str, asked_m: &[[f64; 3]], measured_m: Option<[f64; 3]>) -> anyhow::Result<()> {
+    let words = || asked_m.iter().take(3).map(|tip_m| offset_words(*tip_m)).collect::<Vec<_>>().join(", ");
+    ensure!(
+        asked_m.len() < 2,
+        "{at}: the points are of {} tips, whose offsets from the ram reference point differ ({}{}), and vectors are of one, as axes that turn \
+         move each tip by its own lever; ask for one tip at a time, with its vectors (abbe points --offset-mm X,Y,Z), or correct with abbe correct",
+        asked_m.len(),
+        words(),
+        if asked_m.len() > 3 { ", …" } else { "" }
+    );
+    if let (Some(asked_m), Some(measured_m)) = (asked_m.first(), measured_m) {
+        ensure!(
+            is_one_tip(*asked_m, measured_m),
+            "{at}: the points are of a tip with the offset {} from the ram reference point, the vectors of one with {}, and axes that turn move \
+             each by its own lever; give vectors of that tip (abbe points --offset-mm X,Y,Z), or correct with abbe correct",
+            words(),
+            offset_words(measured_m)
+        );
+    }
+    Ok(())
+}
+
 fn one(method: &dyn Interpolator, position_m: [f64; 3]) -> ErrorVector {
     match method.at(&position_m.into()) {
         Ok(found) => ErrorVector {
             position_m,
+            offset_m: None,
             error_m: Some(found.error_m.into()),
             u_m: found.u_m.map(Into::into),
             status: Some(if found.region.is_inside() { "interpolated" } else { "extrapolated" }),
         },
         // Nothing was measured across a plane.
         Err(Unanswered::OffPlane { .. }) => {
-            ErrorVector { position_m, error_m: None, u_m: None, status: Some("outside") }
+            ErrorVector { position_m, offset_m: None, error_m: None, u_m: None, status: Some("outside") }
         }
         // A position that was read from a file is finite; what is left are methods without an answer there.
         Err(Unanswered::NotFinite | Unanswered::NoPointWithin { .. } | Unanswered::NoHexahedron) => {
-            ErrorVector { position_m, error_m: None, u_m: None, status: Some("no_answer") }
+            ErrorVector { position_m, offset_m: None, error_m: None, u_m: None, status: Some("no_answer") }
         }
     }
 }

@@ -4,6 +4,8 @@
 //! error of every point with its uncertainty out, as residual vectors for `abbe interpolate` or `abbe diagnose --residuals`.
 //! Stations, dead paths and points are found together from the ranges alone, see `abbe_measurement::multilateration`.
 
+mod tips;
+
 use super::identify::spinner;
 use crate::exit::Ended;
 use crate::next::Next;
@@ -20,6 +22,7 @@ use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
 use std::path::PathBuf;
+use tips::{Tips, asked_m};
 
 /// Arguments of `points`.
 #[derive(Debug, clap::Args)]
@@ -42,6 +45,10 @@ pub(crate) struct Arguments {
     /// Readings whose scale readings differ by less than this are of one point
     #[arg(long, default_value_t = 0.1)]
     same_point_mm: f64,
+    /// Write the points of this tip or reflector alone: x,y,z from the ram reference point (mm), one of the offsets of the campaign. All readings
+    /// tell where the stations are
+    #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
+    offset_mm: Option<Vec<f64>>,
     /// Print what was found as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -51,10 +58,11 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
+    let offset_m = asked_m(arguments.offset_mm.as_deref())?;
     let machine = read_machine(&arguments.machine)?;
     let loaded = pipeline::load_campaign(&arguments.campaign, &machine, &arguments.join)?;
     let name = arguments.campaign.display().to_string();
-    let solved = solved(arguments, &machine, &loaded.campaign).with_context(|| name.clone())?;
+    let mut solved = solved(arguments, &machine, &loaded.campaign).with_context(|| name.clone())?;
     let left_out = left_out(&solved);
     let counted = Counted { what: "readings", rejected: left_out, all: loaded.campaign.readings.len() };
     // Less noise than declared is no contradiction: what was declared holds parts that all ranges share.
@@ -62,16 +70,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let verdict = verdict::of_fit_because(noise, Some(counted), of_rejected(&solved));
     let found = || json!({ "rejected_readings": left_out, "pair_limit_um": arguments.pair_limit_um });
     shown(verdict::check(&verdict, arguments.accept, &name, found).map_err(Into::into), arguments.json)?;
-    let vectors: Vec<ErrorVector> = solved.points.iter().map(|point| vector(&solved, point)).collect();
+    let tips = Tips::of(&mut solved, arguments.same_point_mm / 1e3, offset_m).with_context(|| name.clone())?;
+    let vectors: Vec<ErrorVector> = solved.points.iter().map(|point| vector(&solved, point, &tips)).collect();
     ensure!(!vectors.is_empty(), Ended::nothing_inside(format!("{name}: no point could be solved")));
-    write_error_vectors(&arguments.out, &vectors)?;
+    write_error_vectors(&arguments.out, &vectors, &tips.notes())?;
     if arguments.json {
-        print_json(arguments, &solved, &verdict)?
+        print_json(arguments, &solved, &tips, &verdict)?
     } else {
-        print_words(arguments, &solved, &verdict);
-        let next = Next::new("to have the errors between the points", "interpolate").file("--vectors", &arguments.out);
-        next.text("--at POINTS.csv --out errors.csv").print();
+        print_words(arguments, &solved, &tips, &verdict);
+        next(arguments, &tips).print();
     }
+    tips.warn(&arguments.out.display().to_string());
     let (missing, all) = (solved.unsolved.len(), solved.unsolved.len() + solved.points.len());
     if missing > 0 {
         eprintln!("abbe: warning: {name}: {missing} of {all} points could not be solved");
@@ -93,6 +102,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// Vectors of several tips are no field yet.
+fn next(arguments: &Arguments, tips: &Tips) -> Next {
+    if tips.are_mixed() {
+        let next = Next::new("to have the vectors of one tip", "points").file("--machine", &arguments.machine);
+        return next.file("--campaign", &arguments.campaign).text(&tips.option()).text("--out vectors_of_one_tip.csv");
+    }
+    let next = Next::new("to have the errors between the points", "interpolate").file("--vectors", &arguments.out);
+    next.text("--at POINTS.csv --out errors.csv")
 }
 
 fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> anyhow::Result<MultiStation> {
@@ -145,9 +164,11 @@ fn lost(solved: &MultiStation) -> usize {
 /// What the column `status` says of a point that a station's reading was left out of.
 const LOST: &str = "reading_left_out";
 
-fn vector(solved: &MultiStation, point: &SolvedPoint) -> ErrorVector {
+fn vector(solved: &MultiStation, point: &SolvedPoint, tips: &Tips) -> ErrorVector {
+    let target = &solved.targets[point.target];
     ErrorVector {
-        position_m: solved.targets[point.target].reading_m.into(),
+        position_m: target.reading_m.into(),
+        offset_m: tips.are_several().then(|| target.offset_m.into()),
         error_m: Some(point.error_m.into()),
         u_m: Some(point.covariance_m2.diagonal().map(f64::sqrt).into()),
         status: (point.lost > 0).then_some(LOST),
@@ -170,9 +191,10 @@ fn u_parts_m(solved: &MultiStation) -> [f64; 3] {
 const FRAME: &str = "that in which all points found fit best to where the machine indicated them: errors hold no common shift or turn, \
                      which ranges cannot tell; align before comparing with errors of other points or another frame";
 
-fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) {
+fn print_words(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdict: &Verdict) {
     let residual_um = rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6;
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
+    tips.print();
     println!(
         "  range residual    {} um rms, chi2 per degree of freedom {}, {} degrees of freedom",
         digits::result(residual_um),
@@ -225,7 +247,7 @@ fn numbers(readings: &[usize]) -> String {
     numbers.join(", ")
 }
 
-fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -> anyhow::Result<()> {
+fn print_json(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdict: &Verdict) -> anyhow::Result<()> {
     let stations = solved.names.iter().zip(&solved.stations).map(|(name, station)| {
         let (placed, u_um) = (station.placed, station.covariance_m2.diagonal().map(|v| v.sqrt() * 1e6));
         json!({
@@ -253,7 +275,7 @@ fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -
         json!({ "x_mm": at.x, "y_mm": at.y, "z_mm": at.z, "why": missing.why.to_string() })
     });
     let [all, own, frame] = u_parts_m(solved).map(|u_m| u_m * 1e6);
-    let value = json!({
+    let mut value = json!({
         "points": arguments.out.display().to_string(), "solved": solved.points.len(), "unchecked": unchecked(solved),
         "with_reading_left_out": lost(solved),
         "residual_rms_um": rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6,
@@ -262,6 +284,9 @@ fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -
         "findings": verdict::json(&verdict.findings), "stations": stations.collect::<Vec<_>>(),
         "rejected": pairs.chain(sights).collect::<Vec<_>>(), "unsolved": unsolved.collect::<Vec<_>>(),
     });
+    if let Some(tips) = tips.json() {
+        value["tips"] = tips;
+    }
     println!("{}", serde_json::to_string_pretty(&value)?);
     Ok(())
 }
