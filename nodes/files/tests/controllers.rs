@@ -493,3 +493,55 @@ fn a_step_in_a_scale_is_in_tables_and_grids_with_what_they_miss() {
     let of = |file: &ModelFile| geometric_error_m(&file.model, &of_places(&file.model), at_m, offset_m);
     assert!((of(&file) - of(&plain) - Vector3::new(step_m, 0.0, 0.0)).norm() < 1e-9);
 }
+
+/// The same with the ranges in which quantities were logged.
+fn with_logged(effects: &[(&str, Shape, Vec<f64>)], logged: &[(&str, (f64, f64))]) -> ModelFile {
+    let mut file = with_effects(effects);
+    let mut parts = file.model.parts().clone();
+    parts.identified.covariates = logged.iter().map(|(name, range)| ((*name).to_owned(), *range)).collect();
+    parts.identified.reading_m = [(0.0, 0.5); 3];
+    file.model = MachineModel::new(parts).unwrap();
+    file
+}
+
+/// Models of residual vectors: an expansion is zero at 20 °C, also where the room was warmer; a smooth term where its straight part is zero,
+/// or nowhere.
+#[test]
+fn regress_what_a_table_leaves_out_is_said_with_where_it_is_zero_and_how_large_it_is() {
+    let smooth = |degree: f64| {
+        let shape = Shape::new().text("acts", "x").number("degree", degree).number("whole", 1.0);
+        let shape = shape.text("p", "x_m").number("p_low", 0.0).number("p_high", 0.5);
+        shape.text("q", "temp_x_c").number("q_low", 18.0).number("q_high", 22.0)
+    };
+    let expansion = Shape::new().text("axis", "y").text("sensor", "temp_y_c");
+    let logged = [("temp_x_c", (18.0, 22.0)), ("temp_y_c", (21.0, 23.0))];
+    let said = |effects: &[(&str, Shape, Vec<f64>)]| {
+        let file = with_logged(effects, &logged);
+        let head = exported("siemens-enc-comp", &file)[0].text.clone();
+        let about = About::new(&file, &[0xab; 32], "abbe");
+        let told: Vec<String> = about.left_out(format("siemens-enc-comp").unwrap()).cloned().collect();
+        assert!(told.iter().all(|what| head.contains(what)), "{head}");
+        told[0].clone()
+    };
+    // 10 µm/(m K) over 0.5 m: 5 to 15 µm at the end from 21 to 23 °C.
+    let told = said(&[("scale_expansion", expansion, vec![1e-5, 0.0])]);
+    let wanted = "by temp_y_c; the table holds at temp_y_c = 20; over temp_y_c 21 to 23 it is 5.00 to 15.00 um along Y at Y 500.0 against 0.0 mm";
+    assert!(told.ends_with(wanted), "{told}");
+    // Coefficients in the order of the term: p, q, p², p q, q². Straight in x by −2 + 6 t µm to each side, t = (T − 20)/2: zero at t = 1/3.
+    let straight = vec![-2e-6, 5e-6, 0.0, 6e-6, 0.0];
+    let told = said(&[("empirical", smooth(2.0), straight.clone())]);
+    let wanted = "the table holds at temp_x_c = 20.667, but for a shift of all points alike; over temp_x_c 18 to 22 it is -16.00 to 8.00 um \
+                  along X at X 500.0 against 0.0 mm";
+    assert!(told.ends_with(wanted), "{told}");
+    // A bow beside it is there at any temperature: P2 goes from 1 over -1/2 to 1, its mean over five places is 1/4.
+    let bowed = vec![-2e-6, 5e-6, 1e-6, 6e-6, 0.0];
+    let told = said(&[("empirical", smooth(2.0), bowed)]);
+    let wanted = "zero at no temp_x_c: the table holds best at temp_x_c = 20.667, within 0.75 um, and moves by 6.00 um per K at 20; over \
+                  temp_x_c 18 to 22 it is -16.00 to 8.00 um";
+    assert!(told.contains(wanted), "{told}");
+    // What was not logged says nothing more than its name.
+    let file = with_logged(&[("empirical", smooth(2.0), straight)], &[]);
+    let about = About::new(&file, &[0xab; 32], "abbe");
+    let told: Vec<&String> = about.left_out(format("csv").unwrap()).collect();
+    assert!(told[0].ends_with("(empirical) by temp_x_c"), "{told:?}");
+}

@@ -15,6 +15,7 @@ mod fanuc_pitch;
 mod heidenhain_style;
 mod isg_csv;
 mod klipper_skew;
+mod left_out;
 mod linuxcnc_comp;
 mod reprap_skew;
 mod said;
@@ -39,7 +40,7 @@ use abbe_geometry::effects::{Shape, ShapeValue, known};
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors, beyond_identified, errors_of, of_position, places_effects_m};
-use said::{held_at_zero, is_said_along};
+use said::{held_at_zero, is_said_along, is_sign};
 
 pub use abbe_geometry::sampled::of_places;
 
@@ -180,6 +181,7 @@ impl About {
         let (mut left_out, mut of_approach, mut of_grid) = (Vec::new(), Vec::new(), Vec::new());
         let (of_position, with_effects): (Vec<usize>, Vec<Axis>) = of_position(&file.model).into_iter().unzip();
         let of_places = of_places(&file.model);
+        let tip_m = file.model.parts().machine.default_offset_m.unwrap_or(file.model.parts().offset_centre_m);
         for (place, fitted) in file.model.parts().effects.iter().enumerate() {
             let name = fitted.effect.name();
             let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
@@ -187,7 +189,7 @@ impl About {
             let follows = fitted.effect.reads();
             let title = match follows.is_empty() {
                 true => title + &shape_words(&fitted.shape),
-                false => format!("{title} by {}{}", follows.join(", "), zero_words(&fitted.shape)),
+                false => format!("{title} by {}{}", follows.join(", "), left_out::words(&file.model, fitted, tip_m)),
             };
             match () {
                 // It is said of the side itself.
@@ -210,7 +212,7 @@ impl About {
             beyond_m: beyond_identified(&file.model).collect(),
             held_at_zero: held_at_zero(&file.model, &with_any),
             with_any,
-            tip_m: file.model.parts().machine.default_offset_m.unwrap_or(file.model.parts().offset_centre_m),
+            tip_m,
             is_for_tip: false,
             with_effects,
             left_out: left_out.into_iter().chain(network).collect(),
@@ -414,16 +416,6 @@ impl About {
             own if own.is_empty() => own,
             own => format!(" but positioning of {own}, which holds effects of position as well,"),
         }
-    }
-}
-
-/// Where a table holds that leaves out what follows a quantity from a value on: there.
-fn zero_words(shape: &Shape) -> String {
-    match (shape.0.get("by"), shape.0.get("by_zero")) {
-        (Some(ShapeValue::Text(name)), Some(ShapeValue::Number(zero))) => {
-            format!("; the table holds at {name} = {zero}")
-        }
-        _ => String::new(),
     }
 }
 

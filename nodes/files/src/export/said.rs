@@ -12,6 +12,11 @@ use abbe_geometry::sampled::{errors_of, of_position};
 
 /// Names of the signs of approach.
 const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
+/// Whether a logged quantity is a side of approach.
+pub(super) fn is_sign(name: &str) -> bool {
+    SIGNS.contains(&name)
+}
+
 /// Shares of a stroke at which an effect is compared with itself: no two of them lie a whole period of the same wave apart.
 const SHARES: [f64; 4] = [0.0, 0.3, 0.7, 0.9];
 /// Differences of an effect (m, times its parameter) that are rounding.
