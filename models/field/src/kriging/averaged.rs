@@ -4,13 +4,14 @@
 //! few points many length scales, signals and noises explain them, and the likeliest alone says too little uncertainty: so
 //! the field is averaged over a sample of them, weighed by likelihood and a wide prior, and their disagreement is part of the
 //! variance: u² = Σ wₘ (uₘ² + (eₘ − e)²). What the points themselves say is the last word: where they differ from what the
-//! others predict by more than that predicts, u is widened by the ratio.
+//! others predict by more than that predicts, u is widened by the ratio. Where uncertainties are declared, what the points scatter beyond them is no
+//! noise of theirs but a field that is finer than they are: no answer knows it, and u² holds it.
 //! Source: Rasmussen & Williams 2006, ch. 5.2; Handcock & Stein 1993, Technometrics 35(4); O'Hagan 1991 for averaging.
 
 use super::likelihood::Scaled;
 use super::posterior::{Member, members};
 use super::process::Process;
-use super::{KrigingError, KrigingOptions, Prediction, check_noise, fit};
+use super::{KrigingError, KrigingOptions, Noise, Prediction, check_noise, fit};
 use crate::cells::PLANE_TOLERANCE_M;
 use crate::hull::Hull;
 use crate::interpolator::{Estimate, Interpolator, Unanswered, finite};
@@ -31,6 +32,8 @@ const SURE: f64 = 0.9;
 #[derive(Debug, Clone)]
 pub struct AveragedKriging {
     averaged: Averaged,
+    /// Variance of a field that is finer than the points (m²).
+    finer_m2: Vector3<f64>,
     hull: Hull,
 }
 
@@ -53,17 +56,21 @@ impl AveragedKriging {
     /// Fits covariance and noise of each component to the measured errors.
     pub fn fit(field: &MeasuredField, options: &KrigingOptions) -> Result<AveragedKriging, KrigingError> {
         check_planes(field)?;
-        Ok(AveragedKriging::of(Averaged::fit(&Samples::from(field), options)?, field))
+        Ok(AveragedKriging::of(Averaged::fit(&Samples::from(field), options)?, field, options))
     }
 
     /// Of the components of a field.
-    pub(super) fn of(averaged: Averaged, field: &MeasuredField) -> AveragedKriging {
-        AveragedKriging { averaged, hull: Hull::new(field.points_m(), PLANE_TOLERANCE_M) }
+    pub(super) fn of(averaged: Averaged, field: &MeasuredField, options: &KrigingOptions) -> AveragedKriging {
+        // What scales the declared is no more than that.
+        let is_beside = options.noise == Noise::DeclaredAndFitted;
+        let finer_m2 = if is_beside { averaged.noise_variance_m2() } else { Vector3::zeros() };
+        AveragedKriging { averaged, finer_m2, hull: Hull::new(field.points_m(), PLANE_TOLERANCE_M) }
     }
 
     /// Error and uncertainty at a finite point (m, machine frame).
     pub fn predict(&self, point_m: &Vector3<f64>) -> Prediction {
         let (error_m, u_m) = self.averaged.predict(point_m.as_slice());
+        let u_m = (u_m.component_mul(&u_m) + self.finer_m2).map(f64::sqrt);
         Prediction { error_m, u_m, region: self.hull.region(point_m) }
     }
 }

@@ -65,7 +65,7 @@ pub fn judge(field: &MeasuredField, options: &KrigingOptions) -> Result<(Average
     let (averaged, judgement) = held(&Samples::from(field), options)?;
     let part = field.part(&judgement.kept)?;
     check_planes(&part)?;
-    Ok((AveragedKriging::of(averaged, &part), judgement))
+    Ok((AveragedKriging::of(averaged, &part, options), judgement))
 }
 
 /// Which vectors by any inputs contradict all others.

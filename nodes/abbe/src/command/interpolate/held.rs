@@ -77,8 +77,8 @@ fn held(path: &Path, read: &PlaneField, kriging: AveragedKriging, judgement: &Ju
     let contradicted: Vec<String> = axes.iter().filter_map(times).collect();
     if !contradicted.is_empty() {
         warnings.push(format!(
-            "{file}: the vectors scatter by more than their uncertainty u: {} times; u of the answers is widened by that. Check the \
-             declared u, and measure more densely if the error may change between the vectors",
+            "{file}: the vectors scatter by more than their uncertainty u: {} times. That is taken for an error that changes between the vectors, \
+             and u of the answers holds it. Check the declared u, and measure more densely",
             contradicted.join(", ")
         ));
     }
