@@ -123,10 +123,12 @@ pub enum IdentifyError {
         explanation: String,
     },
     /// The plan cannot determine all unknowns.
-    #[error("{}", unobservable_text(.groups, .lines, *.rank, *.unknowns))]
+    #[error("{}", unobservable_text(.groups, .lines, .enough, [*.rank, *.unknowns]))]
     RankDeficient {
         /// Combinations that cannot be seen.
         groups: Vec<Unobservable>,
+        /// Errors that, held at zero, leave nothing unseen; empty where no errors do that.
+        enough: Vec<String>,
         /// Lines that would make them visible.
         lines: Vec<String>,
         /// Rank of the plan for the low-order errors and stations.
@@ -156,8 +158,13 @@ pub enum IdentifyError {
     Stopped,
 }
 
-fn unobservable_text(groups: &[Unobservable], lines: &[String], rank: usize, unknowns: usize) -> String {
-    let groups: Vec<String> = groups.iter().map(group_text).collect();
+fn unobservable_text(
+    groups: &[Unobservable],
+    lines: &[String],
+    enough: &[String],
+    [rank, unknowns]: [usize; 2],
+) -> String {
+    let words: Vec<String> = groups.iter().map(group_text).collect();
     let remedy = if lines.is_empty() {
         "no few lines along an axis would help: measure from more stations around the machine".to_owned()
     } else {
@@ -165,10 +172,19 @@ fn unobservable_text(groups: &[Unobservable], lines: &[String], rank: usize, unk
         format!("add {}: {}", if lines.len() == 1 { "this line" } else { "these lines" }, numbered.join("; "))
     };
     format!(
-        "the plan determines only {rank} of {unknowns} low-order unknowns; it cannot see {}; {remedy}; or hold what \
-         cannot be seen at zero in the machine file (kind = \"zero\")",
-        groups.join("; ")
+        "the plan determines only {rank} of {unknowns} low-order unknowns; it cannot see {}; {remedy}; or hold {} at zero in the machine file \
+         (kind = \"zero\")",
+        words.join("; "),
+        enough_to_hold(enough)
     )
+}
+
+/// What to hold, so that the rest is seen.
+fn enough_to_hold(enough: &[String]) -> String {
+    match enough {
+        [] => "what cannot be seen".to_owned(),
+        names => format!("what is known to be small ({} would be enough)", names.join(", ")),
+    }
 }
 
 /// `ECY`, or `EAZ apart from EYZ, A0Z`.

@@ -14,11 +14,15 @@ use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::{Basis, Closure};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
+use std::collections::BTreeSet;
 
 /// Share of the strongest part from which an error is named as taking part.
 const NAMED_SHARE: f64 = 0.25;
 /// Length of a null vector's row below which nothing of the unknown is left in the null space.
 const NOTHING_LEFT: f64 = 1e-6;
+
+/// Length from which an unknown clearly takes part in the null space.
+const CLEAR: f64 = 0.1;
 
 /// Rank and condition of an accepted plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +49,7 @@ pub(crate) fn check(
     }
     Err(IdentifyError::RankDeficient {
         groups: groups(&shapes, spectrum.null_space()),
+        enough: enough(&shapes, spectrum.null_space()).unwrap_or_default(),
         lines: proposal::lines(estimate, campaign, &shapes, &reduced),
         rank,
         unknowns,
@@ -121,6 +126,27 @@ fn groups(shapes: &[Shape], mut null: Mat<f64>) -> Vec<Unobservable> {
         }
     }
     groups
+}
+
+/// Errors that, held at zero, leave nothing of the null space; `None` where stations or squareness take part in what no error does. Angles go
+/// first: of them, some are known to be small on most machines.
+fn enough(shapes: &[Shape], mut null: Mat<f64>) -> Option<Vec<String>> {
+    let error = |shape: &Shape| ErrorId::all().find(|id| id.name() == shape.name);
+    let mut held = BTreeSet::new();
+    loop {
+        let length = |i: usize| null.row(i).iter().map(|v| v * v).sum::<f64>().sqrt();
+        let left: Vec<(usize, f64)> = (0..shapes.len()).map(|i| (i, length(i))).filter(|of| of.1 > CLEAR).collect();
+        if left.is_empty() {
+            return Some(ErrorId::all().filter(|id| held.contains(id)).map(ErrorId::name).collect());
+        }
+        let longest = |is_wanted: &dyn Fn(ErrorId) -> bool| {
+            let own = left.iter().filter(|(i, _)| error(&shapes[*i]).is_some_and(is_wanted));
+            own.max_by(|a, b| a.1.total_cmp(&b.1)).copied()
+        };
+        let (pivot, length) = longest(&ErrorId::is_angular).or_else(|| longest(&|_| true))?;
+        take_out(&mut null, pivot, length);
+        held.extend(error(&shapes[pivot]));
+    }
 }
 
 /// Removes from the null space the vector that holds all of the pivot, and returns it.

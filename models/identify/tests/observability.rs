@@ -26,7 +26,7 @@ fn refused(case: &Case, options: &IdentifyOptions) -> (Vec<Unobservable>, Vec<St
     match case.try_identify(case.campaign(), options) {
         Err(error @ IdentifyError::RankDeficient { .. }) => {
             let text = error.to_string();
-            let IdentifyError::RankDeficient { groups, lines, rank, unknowns } = error else { unreachable!() };
+            let IdentifyError::RankDeficient { groups, lines, rank, unknowns, .. } = error else { unreachable!() };
             assert!(rank < unknowns);
             (groups, lines, text)
         }
@@ -83,6 +83,10 @@ fn one_reflector_offset_hides_rotations_and_exactly_the_proposed_lines_show_them
     let allowed = ["ECY", "ECZ", "EAZ", "EBZ", "EYZ", "EXZ", "A0Z", "B0Z"];
     assert!(names.iter().all(|name| allowed.contains(name)), "{names:?}");
     assert!(!lines.is_empty() && text.contains("these lines") && text.contains("ECZ"));
+    assert!(
+        text.ends_with("(ECY, EAZ, EBZ, ECZ would be enough) at zero in the machine file (kind = \"zero\")"),
+        "{text}"
+    );
 
     let completed = with_lines(plan.clone(), &lines, truth.stroke_m);
     let case = Case::new(truth.clone(), completed, SPLINE, 5);
