@@ -11,8 +11,9 @@ use crate::explanation::Explanation;
 use crate::score::Score;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{ParameterSpec, Shape};
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use faer::Mat;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// An effect that might be missing from the model.
 #[derive(Debug, Clone)]
@@ -99,6 +100,19 @@ pub(crate) struct Open<'a> {
     pub(crate) known: &'a dyn Fn(usize) -> Option<f64>,
     /// Values of a candidate found (SI).
     pub(crate) values: &'a dyn Fn(usize) -> Vec<f64>,
+}
+
+/// Standard deviation of a coefficient of expansion that nobody measured (1/K): that of steel.
+const EXPANSION_PER_K: f64 = 12e-6;
+/// Standard uncertainties of a coefficient that a search may overlook.
+const UNDETECTED: f64 = 2.0;
+
+impl Open<'_> {
+    /// What the search may have overlooked of an expansion (1/K): that of this candidate, if it is one, and no more than scales expand.
+    pub(crate) fn overlooked_per_k(&self, expansion: Option<usize>) -> f64 {
+        let known = expansion.and_then(|candidate| (self.known)(candidate));
+        known.map_or(EXPANSION_PER_K, |u| (UNDETECTED * u).min(EXPANSION_PER_K))
+    }
 }
 
 /// Name and rows of the study of a pose.
@@ -376,9 +390,24 @@ pub(crate) trait Study: Sync {
         Vec::new()
     }
 
+    /// What was logged with each row.
+    fn logged_rows(&self) -> Vec<&BTreeMap<String, f64>> {
+        Vec::new()
+    }
+
+    /// The same of the rows on which a candidate acts.
+    fn logged_at(&self, _candidate: usize) -> Vec<&BTreeMap<String, f64>> {
+        self.logged_rows()
+    }
+
     /// Names of the quantities that were logged with the rows, each once.
     fn logged(&self) -> BTreeSet<String> {
-        BTreeSet::new()
+        self.logged_rows().into_iter().flat_map(|row| row.keys().cloned()).collect()
+    }
+
+    /// What the rows leave open of the expansion of each scale with each temperature that was logged.
+    fn unseen_expansions(&self, _open: &Open) -> Vec<UnseenExpansion> {
+        Vec::new()
     }
 
     /// Range of a logged quantity as a model reads it: times since the first row.

@@ -10,9 +10,13 @@
 use super::candidate::{Between, ModelTerm, Open, Study};
 use super::fit::Fit;
 use super::told::Doubts;
+use crate::context::range;
 use abbe_geometry::effects::Shape;
+use abbe_geometry::model::Difference;
+use abbe_geometry::seen::TEMPERATURE;
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Order of interpolation that a smooth table reaches.
 const MOST_ORDER: f64 = 2.0;
@@ -49,6 +53,10 @@ pub struct Terms {
     pub covariance: Vec<f64>,
     /// Range of each quantity that was logged or that the terms read, in the unit of its name.
     pub covariates: BTreeMap<String, (f64, f64)>,
+    /// How far temperatures that the terms read stood from the others that were logged.
+    pub differences: Vec<Difference>,
+    /// What the rows leave open of the expansion of each scale with each temperature that was logged.
+    pub unseen_expansions: Vec<UnseenExpansion>,
     /// Smallest and largest reading of X, Y, Z (m) where they were measured.
     pub readings_m: [Option<(f64, f64)>; 3],
     /// Standard deviation of one reading (m) along X, Y, Z, where it was measured.
@@ -119,8 +127,14 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
             values.extend(own);
         }
         for name in study.model_covariates(fitted.candidate) {
+            for own in differences(&name, &study.logged_at(fitted.candidate)) {
+                narrow(&mut terms.differences, own);
+            }
             terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
         }
+    }
+    if !terms.list.is_empty() {
+        terms.unseen_expansions = study.unseen_expansions(open);
     }
     // Where nothing was found there is no model to be told it.
     let untold = if terms.list.is_empty() { Vec::new() } else { study.untold(open) };
@@ -142,6 +156,31 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
         }
     }
     terms
+}
+
+/// How far a temperature stood from each other one that was logged with it.
+fn differences(name: &str, logged: &[&BTreeMap<String, f64>]) -> Vec<Difference> {
+    let others: BTreeSet<&String> = logged.iter().flat_map(|row| row.keys()).collect();
+    let is_other = |other: &&&String| other.ends_with(TEMPERATURE) && other.as_str() != name;
+    let of = |less: &&String| {
+        let values = logged.iter().filter_map(|row| Some(row.get(name)? - row.get(*less)?));
+        let (low, high) = range(values);
+        (low <= high).then(|| Difference { name: name.to_owned(), less: (*less).clone(), range: (low, high) })
+    };
+    match name.ends_with(TEMPERATURE) {
+        true => others.iter().filter(is_other).filter_map(of).collect(),
+        false => Vec::new(),
+    }
+}
+
+/// Two effects that read a temperature: the narrower range holds for both, and all that was measured where they have none in common.
+fn narrow(all: &mut Vec<Difference>, own: Difference) {
+    let Some(known) = all.iter_mut().find(|known| known.name == own.name && known.less == own.less) else {
+        return all.push(own);
+    };
+    let ((low, high), (from, to)) = (known.range, own.range);
+    let both = (low.max(from), high.min(to));
+    known.range = if both.0 <= both.1 { both } else { (low.min(from), high.max(to)) };
 }
 
 type Place = (usize, usize);

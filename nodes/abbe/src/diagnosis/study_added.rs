@@ -105,6 +105,7 @@ fn parts(given: &ModelFile, terms: &Terms) -> anyhow::Result<Result<ModelParts, 
     for (repeatability_m, deviation_m) in parts.machine.repeatability_m.iter_mut().zip(terms.deviations_m) {
         *repeatability_m = deviation_m.map_or(*repeatability_m, |own| repeatability_m.max(own));
     }
+    parts.identified.differences.extend(terms.differences.iter().cloned());
     Ok(narrowed(&mut parts.identified, terms).map(|()| parts))
 }
 

@@ -11,6 +11,7 @@ use abbe_geometry::Axis;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, packed};
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_identify::verdict::Grade;
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -75,7 +76,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             reading_m: Axis::ALL.map(|axis| terms.readings_m[axis.index()].unwrap_or(strokes[axis.index()])),
             offset_m: offset_m.map(|offset_m| (offset_m, offset_m)),
             covariates: terms.covariates.clone(),
-            differences: Vec::new(),
+            differences: terms.differences.clone(),
         },
         quality: FitQuality {
             readings: used,
@@ -86,7 +87,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             // A study takes its noise from its own residuals: all of it is in the covariance.
             unexplained_m: [0.0; 3],
             wanders: None,
-            unseen_expansions: Default::default(),
+            unseen_expansions: UnseenExpansions { by_sensor: terms.unseen_expansions.clone(), ..Default::default() },
         },
         machine,
     })

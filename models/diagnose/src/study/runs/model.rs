@@ -126,6 +126,13 @@ pub(super) fn untold_growth(axis: Axis, ranges: &Ranges, name: &str, zero_c: f64
     term(TERM, shape.text("by", name).number("by_zero", zero_c).number("by_unit", 1.0), Mat::zeros(2, 0))
 }
 
+/// An offset, a slope and a bow over the targets: zero in value.
+pub(super) fn untold_bow(axis: Axis, ranges: &Ranges) -> ModelTerm {
+    let (low_m, high_m) = ranges.target_m;
+    let shape = ModelShape::new().text("axis", axis.lower()).number("terms", 3.0);
+    term(TERM, shape.number("low_m", low_m).number("high_m", high_m), Mat::zeros(3, 0))
+}
+
 /// What may lie at the targets and between them beyond what was found: zero in value.
 pub(super) fn lack(axis: Axis, ranges: &Ranges) -> ModelTerm {
     let places_m = ranges.places_m();

@@ -4,6 +4,7 @@
 
 mod aliases;
 mod bands;
+mod in_turn;
 mod lack;
 mod smooth;
 mod untold;
@@ -23,6 +24,7 @@ use crate::study::grid::{common_step_m, equal_step_m};
 use crate::study::outcome::{Ambiguity, Untestable};
 use crate::study::smooth::{legendre, levels, range};
 use crate::study::told::Changed;
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use faer::{Mat, Scale};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -534,8 +536,16 @@ impl Study for Runs {
         model::axis_of(&self.axes[*own].name).map_or_else(Vec::new, |axis| model::covariates(axis, shape))
     }
 
-    fn logged(&self) -> BTreeSet<String> {
-        self.runs.iter().flat_map(|run| run.covariates.keys().cloned()).collect()
+    fn logged_rows(&self) -> Vec<&BTreeMap<String, f64>> {
+        self.runs.iter().map(|run| &run.covariates).collect()
+    }
+
+    fn logged_at(&self, candidate: usize) -> Vec<&BTreeMap<String, f64>> {
+        self.axes[self.shapes[candidate].0].rows.iter().map(|row| &self.runs[*row].covariates).collect()
+    }
+
+    fn unseen_expansions(&self, open: &Open) -> Vec<UnseenExpansion> {
+        self.unseen(open)
     }
 
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
@@ -543,7 +553,8 @@ impl Study for Runs {
     }
 
     fn untold(&self, open: &Open) -> Vec<Untold> {
-        [self.between_targets(open), self.untold_expansions(open), self.untold_reversals()].concat()
+        let beside = [self.untold_reversals(), self.untold_in_turn(open)].concat();
+        [self.between_targets(open), self.untold_expansions(open), beside].concat()
     }
 
     fn apart(&self) -> Vec<String> {
@@ -557,15 +568,7 @@ impl Study for Runs {
     }
 
     fn hidden(&self) -> Vec<String> {
-        let one = |axis: &AxisRuns| {
-            let step_mm = axis.common_step_m? * 1e3;
-            Some(format!(
-                "on axis {} an error that repeats at {step_mm:.3} mm, of which all steps of its targets are whole multiples, or at a \
-                 whole part of it, as with the lead of a screw",
-                axis.name
-            ))
-        };
-        self.axes.iter().filter_map(one).collect()
+        [self.repeating(), self.one_after_the_other()].concat()
     }
 
     fn untestable(&self) -> Vec<Untestable> {

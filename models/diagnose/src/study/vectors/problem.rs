@@ -3,6 +3,7 @@
 //! Place in the flow: between shapes, registered effects and the common search. Three whitened rows a vector.
 
 mod proposed;
+mod unseen;
 
 use super::blocks::blocks;
 use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
@@ -15,7 +16,7 @@ use super::step::Steps;
 use super::{OF, ResidualVector, drift, model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
-use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, PoseRows, Question, Study};
+use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, Open, PoseRows, Question, Study};
 use crate::study::outcome::{Ambiguity, Untestable};
 use crate::study::series::steps;
 use crate::study::smooth::legendre;
@@ -23,9 +24,10 @@ use crate::study::step::{NO_PROPERTY, Step};
 use crate::study::told::Changed;
 use abbe_geometry::effects::ShapeValue;
 use abbe_geometry::machine::Machine;
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// Assumed where no uncertainty is declared (m); only ratios matter then.
 const ASSUMED_M: f64 = 1e-6;
@@ -501,8 +503,12 @@ impl Study for Vectors<'_> {
         logged.filter(|name| !POSITION.contains(&name.as_str())).cloned().collect()
     }
 
-    fn logged(&self) -> BTreeSet<String> {
-        self.vectors.iter().flat_map(|vector| vector.covariates.keys().cloned()).collect()
+    fn logged_rows(&self) -> Vec<&BTreeMap<String, f64>> {
+        self.vectors.iter().map(|vector| &vector.covariates).collect()
+    }
+
+    fn unseen_expansions(&self, open: &Open) -> Vec<UnseenExpansion> {
+        self.unseen(open)
     }
 
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {

@@ -22,7 +22,7 @@ use crate::study::outcome::Untestable;
 use crate::study::smooth::{legendre, range};
 use abbe_geometry::{Axis, Matrix3, Vector3};
 use faer::Mat;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 const FEWEST_CONTRASTS: usize = 12;
 const FEWEST_BLOCKS: usize = 3;
@@ -292,8 +292,8 @@ impl Study for Turned<'_> {
         self.inner.model_covariates(candidate)
     }
 
-    fn logged(&self) -> BTreeSet<String> {
-        self.inner.logged()
+    fn logged_rows(&self) -> Vec<&BTreeMap<String, f64>> {
+        self.inner.logged_rows()
     }
 
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {

@@ -9,15 +9,12 @@ use super::super::model::{self, approached_otherwise, axis_of};
 use super::super::shape::{Shape, is_temperature};
 use super::{AxisRuns, Runs};
 use crate::context::range;
-use crate::study::candidate::{Open, Untold};
+use crate::study::candidate::{Open, Study, Untold};
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use std::collections::BTreeSet;
 
 /// Standard deviation of a reversal that nobody measured (m): what is believed of backlash before a campaign.
 const REVERSAL_M: f64 = 50e-6;
-/// Standard deviation of a coefficient of expansion that nobody measured (1/K): that of steel.
-const EXPANSION_PER_K: f64 = 12e-6;
-/// Standard uncertainties of a coefficient that a search may overlook.
-const UNDETECTED: f64 = 2.0;
 /// Share of the range of all axes that one of them may lack and still have seen it.
 const SEEN: f64 = 0.25;
 /// Share of the widest range of an axis that all axes share, below which they were measured apart.
@@ -74,7 +71,8 @@ impl Runs {
         let one = |(candidate, (of, shape)): (usize, &(usize, Shape))| {
             let (axis, Shape::Expansion(name)) = (&self.axes[*of], shape) else { return None };
             let is_told = |k: &usize| self.shapes[*k].0 == *of && self.shapes[*k].1.reads(name);
-            self.untold_expansion(axis, name, (open.known)(candidate)).filter(|_| !open.found.iter().any(is_told))
+            self.untold_expansion(axis, name, open.overlooked_per_k(Some(candidate)))
+                .filter(|_| !open.found.iter().any(is_told))
         };
         let varied = self.shapes.iter().enumerate().filter_map(one);
         // What did not vary in the runs of an axis is no candidate of it.
@@ -84,19 +82,18 @@ impl Runs {
             names
                 .into_iter()
                 .filter(is_held)
-                .filter_map(|name| self.untold_expansion(axis, name, None))
+                .filter_map(|name| self.untold_expansion(axis, name, open.overlooked_per_k(None)))
                 .collect::<Vec<_>>()
         });
         varied.chain(held).collect()
     }
 
-    fn untold_expansion(&self, axis: &AxisRuns, name: &str, known: Option<f64>) -> Option<Untold> {
+    fn untold_expansion(&self, axis: &AxisRuns, name: &str, per_k: f64) -> Option<Untold> {
         let own = axis_of(&axis.name)?;
         let ((low_c, high_c), (least_c, most_c)) = (self.range_of(axis, name)?, self.measured_range(name)?);
         if (most_c - least_c) - (high_c - low_c) <= SEEN * (most_c - least_c) {
             return None;
         }
-        let per_k = known.map_or(EXPANSION_PER_K, |u| (UNDETECTED * u).min(EXPANSION_PER_K));
         let (low_m, high_m) = axis.ranges.target_m;
         let half_m = 0.5 * (high_m - low_m);
         Some(Untold {
@@ -110,6 +107,55 @@ impl Runs {
             u: vec![per_k * half_m / 3f64.sqrt(), per_k * half_m],
             reads: Some(name.to_owned()),
         })
+    }
+
+    /// What the runs of each axis leave open of its expansion, where no term holds it.
+    pub(super) fn unseen(&self, open: &Open) -> Vec<UnseenExpansion> {
+        let names: BTreeSet<&String> = self.runs.iter().flat_map(|run| run.covariates.keys()).collect();
+        let one = |name: &String| {
+            let mut all = UnseenExpansion { sensor: name.clone(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
+            for (of, axis) in self.axes.iter().enumerate() {
+                let Some(own) = axis_of(&axis.name) else { continue };
+                let values = axis.rows.iter().filter_map(|row| self.runs[*row].covariates.get(name));
+                let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
+                // What stretches the axis says what a temperature does to it.
+                let stretches = |k: &usize| match &self.shapes[*k] {
+                    (axis, Shape::Expansion(name) | Shape::ScaleBy(name)) => *axis == of && is_temperature(name),
+                    _ => false,
+                };
+                if count == 0.0 || open.found.iter().any(stretches) {
+                    continue;
+                }
+                let expansion = Shape::Expansion(name.clone());
+                let candidate = self.shapes.iter().position(|(axis, shape)| *axis == of && *shape == expansion);
+                let per_k = open.overlooked_per_k(candidate);
+                all.at_c[own.index()] = sum / count;
+                // Beside the term of an axis whose runs saw less than those of others.
+                if self.untold_expansion(axis, name, per_k).is_none() {
+                    all.per_kelvin[own.index()] = per_k;
+                }
+            }
+            all
+        };
+        names.into_iter().filter(|name| is_temperature(name)).map(one).collect()
+    }
+
+    /// Temperatures that a candidate reads.
+    pub(super) fn covariates_c(&self, candidate: usize) -> impl Iterator<Item = String> {
+        self.model_covariates(candidate).into_iter().filter(|name| is_temperature(name))
+    }
+
+    /// Errors that are the same at all targets, in words.
+    pub(super) fn repeating(&self) -> Vec<String> {
+        let one = |axis: &AxisRuns| {
+            let step_mm = axis.common_step_m? * 1e3;
+            Some(format!(
+                "on axis {} an error that repeats at {step_mm:.3} mm, of which all steps of its targets are whole multiples, or at a \
+                 whole part of it, as with the lead of a screw",
+                axis.name
+            ))
+        };
+        self.axes.iter().filter_map(one).collect()
     }
 
     /// Logged quantities at which axes were measured in different ranges, in words with these.

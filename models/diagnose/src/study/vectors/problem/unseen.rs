@@ -1,0 +1,64 @@
+//! What residual vectors leave open of the expansion of each scale with each temperature that was logged.
+//!
+//! Place in the flow: beside the study's problem, for the model that is made of it. SI, 1/K.
+
+use super::super::quantities::POSITION;
+use super::super::registered::Registered;
+use super::{Part, Vectors};
+use crate::study::candidate::{Open, Study};
+use abbe_geometry::Axis;
+use abbe_geometry::effects::ShapeValue;
+use abbe_geometry::seen::TEMPERATURE;
+use abbe_geometry::unseen_expansion::UnseenExpansion;
+
+/// Unit of what an expansion has first.
+const PER_KELVIN: &str = "1/K";
+
+impl Vectors<'_> {
+    pub(super) fn unseen(&self, open: &Open) -> Vec<UnseenExpansion> {
+        let names = self.logged().into_iter().filter(|name| name.ends_with(TEMPERATURE));
+        let one = |sensor: String| {
+            let values = self.vectors.iter().filter_map(|vector| vector.covariates.get(&sensor));
+            let (count, sum) = values.fold((0.0, 0.0), |(count, sum), value| (count + 1.0, sum + value));
+            let per_kelvin = Axis::ALL.map(|axis| {
+                let is_held = open.found.iter().any(|k| self.stretches(*k, axis));
+                match self.measured[axis.index()] && !is_held {
+                    true => open.overlooked_per_k(self.expansion(axis, &sensor)),
+                    false => 0.0,
+                }
+            });
+            UnseenExpansion { per_kelvin, at_c: [sum / f64::max(count, 1.0); 3], sensor }
+        };
+        names.map(one).collect()
+    }
+
+    /// Whether a candidate says what a temperature does to a scale: it stretches it.
+    fn stretches(&self, candidate: usize, axis: Axis) -> bool {
+        let reads = self.model_covariates(candidate);
+        let position = POSITION[axis.index()];
+        match &self.parts[candidate] {
+            Part::Registered(own) => is_expansion(own, axis),
+            Part::Smooth(own, _) => {
+                let along = self.candidates[candidate].covariates.iter().any(|name| name == position);
+                *own == axis && along && reads.iter().any(|name| name.ends_with(TEMPERATURE))
+            }
+            Part::Step(..) | Part::Named(_) | Part::Drift(_) => false,
+        }
+    }
+
+    /// The expansion of an axis with a temperature, where it is a candidate.
+    fn expansion(&self, axis: Axis, sensor: &str) -> Option<usize> {
+        let is_it = |part: &Part| match part {
+            Part::Registered(own) => is_expansion(own, axis) && own.effect.reads() == [sensor],
+            _ => false,
+        };
+        self.parts.iter().position(is_it)
+    }
+}
+
+/// Whether an effect is an expansion of this axis, by what it has first.
+fn is_expansion(own: &Registered, axis: Axis) -> bool {
+    let of_axis = Some(&ShapeValue::Text(axis.lower().to_owned()));
+    let is_per_kelvin = own.effect.parameters().first().is_some_and(|first| first.unit == PER_KELVIN);
+    is_per_kelvin && own.shape.0.get("axis") == of_axis
+}
