@@ -73,10 +73,7 @@ pub(crate) fn hold<'a>(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     // A jump left in the residuals would pass for them as well.
-    let follows = |term: &EffectTerm| {
-        let in_time = follows_time(term.effect.as_ref(), &term.shape) && !term.effect.happens_once();
-        !has(base, term) && (follows_a_log(term) || in_time)
-    };
+    let follows = |term: &EffectTerm| !has(base, term) && (follows_a_log(term) || is_in_time(term));
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
     // What the model had before was made with a log of its own.
     if base.iter().any(follows_a_log) || !out.iter().any(follows_a_log) {
@@ -99,7 +96,7 @@ pub(crate) fn hold<'a>(
     Ok(Some(shift))
 }
 
-/// The shift with which one effect explains more than all that was found by the log as it is; `None` where that is right, or cannot be told.
+/// The shift with which one effect explains more than all that was found by the log as it is, beside stands that drift; `None` where that is right, or cannot be told.
 /// `fit` and `round` lack all that follows a log or the time.
 fn found(
     search: &Search,
@@ -109,8 +106,12 @@ fn found(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     let added = state.added(search.campaign.readings.len());
-    let added: Vec<(&EffectTerm, f64)> = added.filter(|(term, _)| !has(base, term) && follows_a_log(term)).collect();
-    let Some((strongest, _)) = added.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
+    // A stand that drifts counts with it: a log of another instant describes that, too.
+    let drifts = |term: &EffectTerm| is_in_time(term) && term.effect.moves_stand();
+    let added: Vec<(&EffectTerm, f64)> =
+        added.filter(|(term, _)| !has(base, term) && (follows_a_log(term) || drifts(term))).collect();
+    let by_log = added.iter().filter(|(term, _)| follows_a_log(term));
+    let Some((strongest, _)) = by_log.max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
     let Some(known) = abbe_geometry::effects::known(strongest.effect.name()) else { return Ok(None) };
     let look = Look { search, fit, strongest };
     let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
@@ -139,6 +140,11 @@ fn found(
 /// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
 pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
     read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_of_the_room(name))
+}
+
+/// Whether an effect is a course in time. What happens once is not taken for one.
+fn is_in_time(term: &EffectTerm) -> bool {
+    follows_time(term.effect.as_ref(), &term.shape) && !term.effect.happens_once()
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.

@@ -75,23 +75,24 @@ pub fn diagnose(
     }
     let mut ended = Ended::of(&search, &state, (&before, &alike, &base), judged.unseen.as_ref(), observe)?;
     let added = state.beside(&base);
+    let of_all = |why: Option<String>| why.map(|because| format!("all that was found together: {because}"));
     let is_outdone = !added.is_empty() && ended.machine_step.as_ref().is_some_and(|step| step.outdoes_found);
     let because = match is_outdone {
         true => Some("a step of the machine explains more than all that was found together".to_owned()),
-        false => worth::refusal(&added, &before.model, &ended.model, campaign)
-            .map(|because| format!("all that was found together: {because}")),
+        false => of_all(worth::refusal(&added, &before.model, &ended.weighed()?, campaign)),
     };
     if let Some(because) = because {
         let mut without = state.clone();
-        without.withdraw(start, &because);
+        without.withdraw(start.clone(), &because);
         let plain = Ended::of(&search, &without, (&before, &first, &base), None, observe)?;
-        let is_refused = match is_outdone {
-            true => plain.machine_step.is_some(),
+        let because = match is_outdone {
+            true => plain.machine_step.is_some().then_some(because),
             // What is not told of the machine without it costs as well.
-            false => worth::refusal(&added, &plain.model, &ended.model, campaign).is_some(),
+            false => of_all(worth::refusal(&added, &plain.model, &ended.weighed()?, campaign)),
         };
-        if is_refused {
-            (state, ended) = (without, plain);
+        if let Some(because) = because {
+            state.withdraw(start, &because);
+            ended = plain;
             judged =
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
         }
@@ -166,6 +167,8 @@ struct Ended<'a> {
     kinds: Vec<kind::Judged>,
     /// The model of the search.
     told: MachineModel,
+    /// What it leaves unexplained where stands that move are just that (m).
+    stands_alone: [f64; 3],
     /// Of each term, the fit without it, and what competes with it.
     without: Vec<Option<Without<'a>>>,
     competing: Vec<Vec<Competing>>,
@@ -206,16 +209,32 @@ impl<'a> Ended<'a> {
         let bumps: Vec<EffectTerm> =
             kinds.iter().filter(|own| own.is_bump()).map(|own| EffectTerm::of(&own.fitted)).collect();
         let is_bump = |fitted: &FittedEffect| is_base(&bumps, fitted);
-        let told = tomorrow::told(state.fit.model.clone(), &state.round, campaign, (&is_found, &is_bump))
-            .and_then(|model| with_unexplained(model, on_unseen, floor::unexplained_m(&state.round, campaign)))
-            .and_then(|model| model.with_unseen_expansions(open_expansions(search, (start, &state.fit), is_found)))
-            .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
-            .and_then(widened)
-            .map_err(IdentifyError::from)?;
+        let told_of = |is_bump: &dyn Fn(&FittedEffect) -> bool| {
+            tomorrow::told(state.fit.model.clone(), &state.round, campaign, (&is_found, is_bump))
+        };
+        let [told, stands_alone] = [told_of(&is_bump), told_of(&|fitted| fitted.effect.moves_stand())];
+        let floor_m = floor::unexplained_m(&state.round, campaign);
+        let unseen = open_expansions(search, (start, &state.fit), is_found);
+        let whole = |told: Result<MachineModel, ModelError>| -> Result<MachineModel, IdentifyError> {
+            let told = told
+                .and_then(|model| with_unexplained(model, on_unseen, floor_m))
+                .and_then(|model| model.with_unseen_expansions(unseen.clone()))
+                .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
+                .and_then(widened);
+            Ok(told?)
+        };
+        let (told, stands_alone) = (whole(told)?, whole(stands_alone)?.parts().quality.unexplained_m);
         let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
         let model = averaged.without(|fitted| is_found(fitted) && tomorrow::is_course(fitted, campaign));
         let model = model.map_err(IdentifyError::from)?;
-        Ok(Ended { machine_step, wander, zeros, left, kinds, told, without, competing, model })
+        Ok(Ended { machine_step, wander, zeros, left, kinds, told, stands_alone, without, competing, model })
+    }
+
+    /// The model as it is weighed against another: the path of the machine's zero that may stand behind stands that move is a rigid motion of all
+    /// points, and is there or not whether or not it is told.
+    fn weighed(&self) -> Result<MachineModel, IdentifyError> {
+        let own_m = self.model.parts().quality.unexplained_m;
+        Ok(self.model.with_unexplained(std::array::from_fn(|d| own_m[d].min(self.stands_alone[d])))?)
     }
 }
 
