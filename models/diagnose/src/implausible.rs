@@ -31,7 +31,7 @@ pub(crate) fn hold<'a>(
         let Ok((fit, round)) = search.attempt_under(&state.machine, &rest, state.fit.correlation, observe)? else {
             continue;
         };
-        if !is_told || search.is_outdone(state, &round, &candidate)? {
+        if !is_told || search.is_outdone(state, &round, (&candidate, 0))? {
             state.take_out(term, (fit, round, rest), because);
         }
     }

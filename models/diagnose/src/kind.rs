@@ -16,6 +16,8 @@ use abbe_geometry::model::{FittedEffect, MachineModel};
 
 /// Standard uncertainties from which a motion along an axis is told.
 const TOLD: f64 = 3.0;
+/// Standard uncertainties within which a parameter is not told from nothing.
+const OPEN: f64 = 2.0;
 /// Share of the largest motion that another axis has at least where two axes moved.
 const SECOND: f64 = 0.2;
 
@@ -63,7 +65,9 @@ fn alone(
     let is_named = candidate.known.name != DESCRIPTION
         && sizes::is_told(parameters, tests, search.options.significance)
         && !tomorrow::happened_in_a_pause(fitted, search.campaign);
-    let is_outdone = || without.map_or(Ok(false), |(_, without)| search.is_outdone(state, without, candidate));
+    let untold = parameters.iter().filter(|p| p.value.abs() < OPEN * p.u).count();
+    let is_outdone =
+        || without.map_or(Ok(false), |(_, without)| search.is_outdone(state, without, (candidate, untold)));
     Ok(if is_named && !is_outdone()? { Explanation::Attributed } else { Explanation::Empirical })
 }
 
