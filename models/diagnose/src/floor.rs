@@ -1,6 +1,7 @@
 //! The least that a model must leave unexplained: what blocks left out of its own fit show.
 //!
-//! Place in the flow: the end of [`crate::diagnose()`], on the fit that is adopted, whatever was found. A fit with some two hundred
+//! Place in the flow: the end of [`crate::diagnose()`], on the fit that is adopted, whatever was found; and of an identification alone, where it leaves
+//! more than its noise. A fit with some two hundred
 //! parameters takes a good part of what it does not explain into errors and stations, above all where a few hundred readings are all
 //! there is: the readings that it saw then look explained, and a corrected point, which it never saw, is not. So whole lines and spans
 //! of time are left out, exactly and without refitting ([`crate::paired`]), and what they show beyond their declared noise and
@@ -11,13 +12,35 @@
 //! φ ≥ 1 what the covariance of the model is scaled by already. m, along each axis.
 
 use crate::candidates::Round;
+use crate::error::DiagnoseError;
 use crate::judge;
 use crate::paired::untouched;
-use abbe_identify::{Excess, by_axis, in_parallel};
+use abbe_geometry::model::MachineModel;
+use abbe_identify::{Excess, Identified, IdentifyError, by_axis, in_parallel};
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
 
 /// Kinds of block that are left out.
 const LEFT_OUT: [&str; 2] = ["line", "time"];
+
+/// The model of a fit that leaves more than its noise, with what lines and spans of time left out of it show in its uncertainty; as it is where
+/// it explains its readings.
+///
+/// # Errors
+/// Rows that cannot be factored.
+pub fn with_left_out(
+    fit: &Identified,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+) -> Result<MachineModel, DiagnoseError> {
+    let own_m = fit.model.parts().quality.unexplained_m;
+    if own_m == [0.0; 3] {
+        return Ok(fit.model.clone());
+    }
+    let left_m = unexplained_m(&Round::new(fit, instrument, campaign)?, campaign);
+    let model = fit.model.with_unexplained(std::array::from_fn(|d| own_m[d].max(left_m[d])));
+    Ok(model.map_err(IdentifyError::from)?)
+}
 
 /// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.
 pub(crate) fn unexplained_m(round: &Round, campaign: &Campaign) -> [f64; 3] {

@@ -103,6 +103,7 @@ mod serial;
 mod side_by_side;
 mod sizes;
 mod step;
+mod still;
 pub mod study;
 mod taken;
 mod taken_out;
@@ -119,6 +120,7 @@ pub use diagnose::diagnose;
 pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
 pub use explanation::Explanation;
+pub use floor::with_left_out;
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
@@ -127,6 +129,7 @@ pub use machine_step::{Change, MachineStep};
 pub use noise::{Detection, Group, Structure};
 pub use options::{DiagnoseOptions, Progress};
 pub use pass::{Scored, score_pass};
+pub use still::Departure;
 pub use wander::Wander;
 
 #[cfg(test)]

@@ -8,13 +8,14 @@
 mod common;
 
 use abbe_diagnose::Explanation;
-use abbe_diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, NotIdentifiable, diagnose};
+use abbe_diagnose::{Departure, DiagnoseError, DiagnoseOptions, Diagnosis, NotIdentifiable, diagnose};
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, Shape, ShapeValue, State, of_lagged};
 use abbe_geometry::error_function;
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::Covariate;
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
@@ -394,4 +395,28 @@ fn what_bends_or_jumps_otherwise_is_no_step_of_a_scale() {
         let diagnosis = Case::new(5, &[text]).diagnose();
         assert!(!names(&diagnosis).contains(&"scale_step"), "{text}: {:?}", diagnosis.steps);
     }
+}
+
+/// The same machine measured twice is what its model says; with one angle between its axes changed by 15 µrad, it was "consistent with noise".
+#[test]
+fn regress_a_machine_that_somebody_ran_into_is_not_what_its_model_says() {
+    let fit = |case: &Case| {
+        let options = IdentifyOptions::default();
+        identify(&case.machine, INSTRUMENT.range, &case.simulated.campaign, &options, &mut |_| true).unwrap().model
+    };
+    let again = |seed: u64, tilt_rad: f64| {
+        let mut case = Case::new(1, &[]);
+        case.config.seed = seed;
+        case.config.machine.squareness[0].angle_rad += tilt_rad;
+        case.simulated = simulate_campaign(&case.config).unwrap();
+        case
+    };
+    let given = fit(&again(1, 0.0));
+    let departure = |case: &Case| Departure::of(&given, &fit(case), &case.simulated.campaign).unwrap();
+    for seed in 2..=4 {
+        let same = departure(&again(seed, 0.0));
+        assert!(!same.is_another(), "{seed}: {same:?}");
+    }
+    let another = departure(&again(2, 15e-6));
+    assert!(another.is_another() && another.rms_m > 1e-6, "{another:?}");
 }

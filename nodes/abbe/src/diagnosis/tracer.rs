@@ -9,7 +9,9 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{ClockShift, DiagnoseOptions, Diagnosis, MachineStep, Progress, Wander, diagnose, mended};
+use abbe_diagnose::{
+    ClockShift, Departure, DiagnoseOptions, Diagnosis, MachineStep, Progress, Wander, diagnose, mended,
+};
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -127,6 +129,23 @@ fn wandered(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.wander.as_ref().map(Wander::words)
 }
 
+/// That the machine is another one than the model says: the fit that a diagnosis begins with is a new one, and fits whatever somebody ran into.
+fn is_another(departure: &Departure) -> String {
+    format!(
+        "The machine is not what the model given says: on this campaign its corrected points are {} µm from those of the model that comes out (rms, but \
+         for a rigid motion), and {} µm is what both uncertainties let expect. What follows is said of a new fit. Find what changed the machine, and \
+         use the model that is written here, or identify again.",
+        digits::result(departure.rms_m * 1e6),
+        digits::result(departure.expected_m * 1e6)
+    )
+}
+
+/// How far the model given is from what this campaign shows; `None` where it was made of it.
+fn departure(given: &Given, fit: &MachineModel, loaded: &LoadedCampaign) -> Option<Departure> {
+    let is_its_own = given.file.data.iter().any(|data| data.sha256 == loaded.source.sha256);
+    if is_its_own { None } else { Departure::of(&given.file.model, fit, &loaded.campaign) }
+}
+
 /// What expansions of the scales may be hidden: it stands in U where the temperature is another one.
 fn hidden(model: &MachineModel) -> Option<String> {
     let per_metre = model.unseen_expansion_at_the_ends();
@@ -174,6 +193,19 @@ pub(crate) fn run(
     let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
     record.verdict = std::iter::once(record.verdict.clone()).chain(logs).collect::<Vec<_>>().join(" ");
     caution(&mut record, &verdict);
+    // A step of the machine is told as one; of what was found beside it, the model that comes out holds its share.
+    let departure = departure(&given, &diagnosis.model, &loaded).filter(|_| diagnosis.machine_step.is_none());
+    if let Some(departure) = departure {
+        match departure.is_another() {
+            true => record.verdict = format!("{} {}", is_another(&departure), record.verdict),
+            false => record.notes.push(format!(
+                "These data do not contradict the model given: on this campaign its corrected points are {} µm from those of the model that comes out \
+                 (rms, but for a rigid motion), and {} µm is what both uncertainties let expect.",
+                digits::result(departure.rms_m * 1e6),
+                digits::result(departure.expected_m * 1e6)
+            )),
+        }
+    }
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
     let changed: Vec<String> =
