@@ -6,7 +6,7 @@ use super::machine::Build;
 use super::score::{Corrected, Worth, worth};
 use super::surroundings::COLUMNS;
 use super::{Foreign, RANGE, REPEATABILITY_M, Verified, foreign};
-use abbe_diagnose::{DiagnoseOptions, Diagnosis, diagnose, mended};
+use abbe_diagnose::{DiagnoseOptions, Diagnosis, diagnose, mended, with_left_out};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State, Travel};
@@ -14,6 +14,7 @@ use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -38,6 +39,16 @@ pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &Diagnos
     let (campaign, _) = mended(&campaign(&foreign));
     let diagnosis = diagnose(&described, &[], range, &campaign, options, &mut |_| true).unwrap();
     Judged { foreign, diagnosis }
+}
+
+/// Identifies a machine that suffers from these causes, as it is: what comes out, alone and with what lines left out show.
+pub(crate) fn identified(machine: &str, forms: &[&str], seed: u64) -> [Worth; 2] {
+    let foreign = foreign(machine, forms, seed);
+    let range = RangeUncertainty { constant_m: RANGE.0, per_metre: RANGE.1, common_per_metre: 0.0 };
+    let campaign = campaign(&foreign);
+    let fit = identify(&description(&foreign), range, &campaign, &IdentifyOptions::default(), &mut |_| true).unwrap();
+    let widened = with_left_out(&fit, range, &campaign).unwrap();
+    [&fit.model, &widened].map(|model| of(model, &foreign.inside))
 }
 
 impl Judged {
