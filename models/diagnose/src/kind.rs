@@ -14,10 +14,8 @@ use crate::step::added;
 use crate::{sizes, tomorrow};
 use abbe_geometry::model::{FittedEffect, MachineModel};
 
-/// Standard uncertainties from which a motion along an axis is told.
+/// Standard uncertainties from which a parameter is told from nothing.
 const TOLD: f64 = 3.0;
-/// Standard uncertainties within which a parameter is not told from nothing.
-const OPEN: f64 = 2.0;
 /// Share of the largest motion that another axis has at least where two axes moved.
 const SECOND: f64 = 0.2;
 
@@ -65,7 +63,9 @@ fn alone(
     let is_named = candidate.known.name != DESCRIPTION
         && sizes::is_told(parameters, tests, search.options.significance)
         && !tomorrow::happened_in_a_pause(fitted, search.campaign);
-    let untold = parameters.iter().filter(|p| p.value.abs() < OPEN * p.u).count();
+    // Where one figure alone explains it, the others are nothing; a form of many figures imitates much.
+    let told = parameters.iter().filter(|p| p.value.abs() > TOLD * p.u).count();
+    let untold = if told == 1 { parameters.len() - 1 } else { 0 };
     let is_outdone =
         || without.map_or(Ok(false), |(_, without)| search.is_outdone(state, without, (candidate, untold)));
     Ok(if is_named && !is_outdone()? { Explanation::Attributed } else { Explanation::Empirical })

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 impl Search<'_> {
     /// Whether a free description explains what this effect does, and clearly more: then the data depend on something as the
-    /// effect does, and it is not the cause. `without` are the rows of the fit that lacks only this effect. So many of its parameters are not told
-    /// from nothing: a form that is made for these data has none of these, and is not ahead by their price.
+    /// effect does, and it is not the cause. `without` are the rows of the fit that lacks only this effect. So many of its parameters are
+    /// nothing beside the one that explains it: a form that is made for these data has none of these, and is not ahead by their price.
     pub(crate) fn is_outdone(
         &self,
         state: &State,
