@@ -7,7 +7,7 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
-use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
+use crate::context::{Context, is_of_the_room, range, read_by, takes_its_time};
 use crate::error::DiagnoseError;
 use crate::lags::{apart, is_lagged, place_of, with_lags};
 use crate::logs::between;
@@ -73,7 +73,7 @@ pub(crate) fn hold<'a>(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     // A jump left in the residuals would pass for them as well.
-    let follows = |term: &EffectTerm| !has(base, term) && (follows_a_log(term) || is_in_time(term));
+    let follows = |term: &EffectTerm| !has(base, term) && (follows_a_log(term) || takes_its_time(term));
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
     // What the model had before was made with a log of its own.
     if base.iter().any(follows_a_log) || !out.iter().any(follows_a_log) {
@@ -96,8 +96,8 @@ pub(crate) fn hold<'a>(
     Ok(Some(shift))
 }
 
-/// The shift with which one effect explains more than all that was found by the log as it is, beside stands that drift; `None` where that is right, or cannot be told.
-/// `fit` and `round` lack all that follows a log or the time.
+/// The shift with which one effect explains more than all that was found by the log as it is, beside stands that drift; `None` where that is
+/// right, or cannot be told. `fit` and `round` lack all that follows a log or the time.
 fn found(
     search: &Search,
     state: &State,
@@ -107,7 +107,7 @@ fn found(
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     let added = state.added(search.campaign.readings.len());
     // A stand that drifts counts with it: a log of another instant describes that, too.
-    let drifts = |term: &EffectTerm| is_in_time(term) && term.effect.moves_stand();
+    let drifts = |term: &EffectTerm| takes_its_time(term) && term.effect.moves_stand();
     let added: Vec<(&EffectTerm, f64)> =
         added.filter(|(term, _)| !has(base, term) && (follows_a_log(term) || drifts(term))).collect();
     let by_log = added.iter().filter(|(term, _)| follows_a_log(term));
@@ -140,11 +140,6 @@ fn found(
 /// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
 pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
     read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_of_the_room(name))
-}
-
-/// Whether an effect is a course in time. What happens once is not taken for one.
-fn is_in_time(term: &EffectTerm) -> bool {
-    follows_time(term.effect.as_ref(), &term.shape) && !term.effect.happens_once()
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.

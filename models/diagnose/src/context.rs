@@ -6,7 +6,7 @@
 use crate::lags;
 use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue, is_derived};
 use abbe_geometry::machine::Machine;
-use abbe_identify::TIME;
+use abbe_identify::{EffectTerm, TIME};
 use abbe_measurement::campaign::{Campaign, Covariate};
 
 /// Offsets closer than this are one (m).
@@ -87,6 +87,11 @@ pub(crate) fn read_by(effect: &dyn Effect, shape: &Shape) -> Vec<String> {
 /// Whether an effect of that shape reads the time.
 pub(crate) fn follows_time(effect: &dyn Effect, shape: &Shape) -> bool {
     read_by(effect, shape).iter().any(|name| name == TIME)
+}
+
+/// Whether a term is a course in time. What happens once is none.
+pub(crate) fn takes_its_time(term: &EffectTerm) -> bool {
+    follows_time(term.effect.as_ref(), &term.shape) && !term.effect.happens_once()
 }
 
 /// Whether a quantity comes from a logger of the room: sides of approach, loads and feeds are the machine's own.

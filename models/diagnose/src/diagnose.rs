@@ -428,7 +428,8 @@ fn one(
     without: Option<&Without>,
 ) -> Result<Found, DiagnoseError> {
     let (last, fitted) = (&state.round, &judged.fitted);
-    let Addition { candidate, rivals, p_corrected, verdict } = added(state, fitted).ok_or(DiagnoseError::Singular)?;
+    let Addition { candidate, rivals, p_corrected, verdict } =
+        added(state, &EffectTerm::of(fitted)).ok_or(DiagnoseError::Singular)?;
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);

@@ -9,10 +9,9 @@ use crate::candidates::Candidate;
 use crate::diagnosis::FoundParameter;
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::same_claim::has;
 use crate::search::{Search, State};
 use crate::sizes;
-use crate::step::Step;
+use crate::step::added;
 use abbe_identify::EffectTerm;
 
 /// Takes such effects out; `base` are the model's own terms, which stay.
@@ -41,17 +40,14 @@ pub(crate) fn hold<'a>(
 /// What a term was found as that is larger than believed, in words, and whether its size is told; `None` where it is not, or was not found.
 fn larger_than_believed(state: &State, term: &EffectTerm, significance: f64) -> Option<(Candidate, String, bool)> {
     let parameters = sizes::of_term(&state.fit.model, term)?;
-    let candidate = state.steps.iter().rev().find_map(|step| match step {
-        Step::Added { term: added, candidate, .. } if has(std::slice::from_ref(term), added) => Some(candidate),
-        _ => None,
-    })?;
+    let candidate = added(state, term)?.candidate;
     let larger = larger(&parameters)?;
     let because = format!(
         "it only describes, and would have to be larger than is plausible: {} is {:.2e} {}, beyond {:.2e}",
         larger.name, larger.value, larger.unit, larger.plausible
     );
     let tests = candidate.trials * parameters.len();
-    Some((candidate.as_ref().clone(), because, sizes::is_told(&parameters, tests, significance)))
+    Some((candidate.clone(), because, sizes::is_told(&parameters, tests, significance)))
 }
 
 /// The first parameter that is larger than believed.

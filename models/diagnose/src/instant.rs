@@ -6,7 +6,7 @@
 //! as much, and where no other jump or drift beside it is a description. Else it describes: it corrects no less, and stands in U.
 
 use crate::candidates::Candidate;
-use crate::context::follows_time;
+use crate::context::takes_its_time;
 use crate::explanation::Explanation;
 use abbe_geometry::effects::Effect;
 
@@ -21,14 +21,8 @@ pub(crate) fn hold(found: &mut [(&mut Explanation, Moves)], is_off: bool) {
     let moves = |own: &Moves| own.effect.happens_once() || own.effect.moves_stand();
     let is_one_of_several = found.iter().any(|(kind, own)| moves(own) && **kind == Explanation::Empirical);
     for (kind, own) in found.iter_mut().filter(|(_, own)| own.effect.happens_once()) {
-        if is_off || is_one_of_several || own.rivals.iter().any(takes_its_time) {
+        if is_off || is_one_of_several || own.rivals.iter().any(|rival| takes_its_time(&rival.term)) {
             **kind = Explanation::Empirical;
         }
     }
-}
-
-/// Whether it is a course in time.
-fn takes_its_time(rival: &Candidate) -> bool {
-    let effect = rival.term.effect.as_ref();
-    follows_time(effect, &rival.term.shape) && !effect.happens_once()
 }

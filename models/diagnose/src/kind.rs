@@ -13,6 +13,7 @@ use crate::search::{Search, State};
 use crate::step::added;
 use crate::{sizes, tomorrow};
 use abbe_geometry::model::{FittedEffect, MachineModel};
+use abbe_identify::EffectTerm;
 
 /// Standard uncertainties from which a parameter is told from nothing.
 const TOLD: f64 = 3.0;
@@ -40,7 +41,7 @@ pub(crate) fn judged(
         if is_found(fitted) {
             let parameters = sizes::of(model, fitted, first);
             let kind = alone(search, state, (fitted, &parameters), without.as_ref())?;
-            rivals.push(added(state, fitted).map_or(&[][..], |added| added.rivals));
+            rivals.push(added(state, &EffectTerm::of(fitted)).map_or(&[][..], |added| added.rivals));
             all.push(Judged { fitted: fitted.clone(), kind, parameters });
         }
         first += fitted.parameters.len();
@@ -58,25 +59,29 @@ fn alone(
     (fitted, parameters): (&FittedEffect, &[FoundParameter]),
     without: Option<&Without>,
 ) -> Result<Explanation, DiagnoseError> {
-    let candidate = added(state, fitted).ok_or(DiagnoseError::Singular)?.candidate;
+    let candidate = added(state, &EffectTerm::of(fitted)).ok_or(DiagnoseError::Singular)?.candidate;
     let tests = candidate.trials * parameters.len();
     let is_named = candidate.known.name != DESCRIPTION
         && sizes::is_told(parameters, tests, search.options.significance)
         && !tomorrow::happened_in_a_pause(fitted, search.campaign);
     // Where one figure alone explains it, the others are nothing; a form of many figures imitates much.
-    let told = parameters.iter().filter(|p| p.value.abs() > TOLD * p.u).count();
+    let told = parameters.iter().filter(is_told).count();
     let untold = if told == 1 { parameters.len() - 1 } else { 0 };
     let is_outdone =
         || without.map_or(Ok(false), |(_, without)| search.is_outdone(state, without, (candidate, untold)));
     Ok(if is_named && !is_outdone()? { Explanation::Attributed } else { Explanation::Empirical })
 }
 
+/// Whether a parameter is told from nothing.
+fn is_told(parameter: &&FoundParameter) -> bool {
+    parameter.value.abs() > TOLD * parameter.u
+}
+
 impl Judged {
     /// Whether somebody bumped a stand, and no scale lost counts: that would be one axis. What bumps the whole machine takes the part on its
     /// table along.
     pub(crate) fn is_bump(&self) -> bool {
-        let told = |p: &&FoundParameter| p.value.abs() > TOLD * p.u;
-        let mut sizes: Vec<f64> = self.parameters.iter().filter(told).map(|p| p.value.abs()).collect();
+        let mut sizes: Vec<f64> = self.parameters.iter().filter(is_told).map(|p| p.value.abs()).collect();
         sizes.sort_by(|a, b| b.total_cmp(a));
         let is_of_two_axes = sizes.get(1).is_some_and(|second| *second > SECOND * sizes[0]);
         let effect = self.fitted.effect.as_ref();

@@ -11,7 +11,6 @@ use crate::gate::Verdict;
 use crate::same_claim::has;
 use crate::search::State;
 use abbe_geometry::effects::known;
-use abbe_geometry::model::FittedEffect;
 use abbe_identify::EffectTerm;
 
 /// One thing that a round decided.
@@ -86,11 +85,10 @@ pub(crate) struct Addition<'a> {
     pub(crate) verdict: &'a Verdict,
 }
 
-/// How a fitted effect went in; `None` of what the model had before.
-pub(crate) fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<Addition<'s>> {
-    let own = EffectTerm::of(fitted);
+/// How a term went in; `None` of what the model had before.
+pub(crate) fn added<'s>(state: &'s State, own: &EffectTerm) -> Option<Addition<'s>> {
     state.steps.iter().rev().find_map(|step| match step {
-        Step::Added { term, candidate, rivals, p_corrected, verdict } if has(std::slice::from_ref(&own), term) => {
+        Step::Added { term, candidate, rivals, p_corrected, verdict } if has(std::slice::from_ref(own), term) => {
             Some(Addition { candidate, rivals, p_corrected: *p_corrected, verdict })
         }
         _ => None,

@@ -59,9 +59,7 @@ impl Objection {
     pub(crate) fn words(&self) -> String {
         format!("  {:<17} {self}\n", in_capitals(self.grade))
     }
-}
 
-impl Objection {
     /// The same for a report.
     pub(crate) fn callout(&self) -> Section {
         let text = self.to_string();
