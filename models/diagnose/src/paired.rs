@@ -2,9 +2,9 @@
 //!
 //! Place in the flow: under [`crate::gate`] and every figure "with and without". Both fits give the residuals of a block
 //! left out (see [`crate::held_out`]); they are compared over the same readings with the same weights, the smaller of
-//! both, and over the same directions: what only the block itself determines in one of the fits is judged in neither.
-//! Otherwise a fit that rejects more readings, or a parameter that lives in one block, would look like a gain. Whitened
-//! residuals; no units.
+//! both, and over the same directions: what only the block itself determines in one of the fits is judged in neither, nor
+//! is what the first can hardly predict. Otherwise a fit that rejects more readings, or a parameter that lives in one
+//! block, would look like a gain. Whitened residuals; no units.
 
 use crate::candidates::Round;
 use crate::linear::{Directions, Linear, column, picked};
@@ -17,8 +17,8 @@ use std::sync::Arc;
 /// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
 /// a thousand times the noise.
 const TOLD: f64 = 1e-6;
-/// 1 − eigenvalue of H from which other blocks tell of a direction. Below, little but a prior does: what a term says of
-/// such a direction counts, but that it could be anything does not excuse it where the fit without it knew better.
+/// 1 − eigenvalue of H from which other blocks tell of a direction. Below, little but a prior does. Where the first fit knows
+/// no more, nothing is judged. Where it does, what a term says counts, and that it could be anything does not excuse it.
 const MEASURED: f64 = 1e-2;
 /// Eigenvalue of H below which the model does not reach a direction: rounding is a thousandth of it.
 const NONE: f64 = 1e-12;
@@ -65,7 +65,7 @@ fn pair(before: &Round, after: &Round, block: &[usize], untold: Untold) -> Optio
         Untold::Judged => TOLD,
         Untold::LeftOut => MEASURED,
     };
-    let (first, second) = (left_out(&before.linear, block, TOLD)?, left_out(&after.linear, block, limit)?);
+    let (first, second) = (left_out(&before.linear, block, MEASURED)?, left_out(&after.linear, block, limit)?);
     let mut hidden: Vec<Vec<f64>> = Vec::new();
     let own = first.own().into_iter().map(|own| times(&own, &to_before));
     let own = own.chain(second.own().into_iter().map(|own| times(&own, &to_after)));

@@ -87,6 +87,31 @@ fn regress_rejecting_more_readings_is_no_evidence() {
     assert!(verdict.judged.iter().all(|judged| judged.deviations < 3.0), "{verdict:?}");
 }
 
+/// Without the offset at which most readings stand, much of the machine is hardly told. Both fits were held to what they said of that, and
+/// a load that is there was set aside by 26 standard deviations.
+#[test]
+fn regress_what_neither_fit_can_predict_refuses_no_effect() {
+    let shapes = [
+        (
+            4,
+            "backlash axis=y size_um=0.5",
+            "reversal",
+            Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0),
+        ),
+        (3, "table_load um_per_kg=0.12", "table_load", Shape::new().text("form", "dish")),
+    ];
+    for (seed, injected, name, shape) in shapes {
+        let (machine, campaign) = simulated(seed, &[injected]);
+        let options = DiagnoseOptions::default();
+        let search = Search::new(INSTRUMENT.range, &campaign, &options);
+        let without = state(&search, &machine).round;
+        let terms = [EffectTerm::new(name, shape, &machine).unwrap()];
+        let fit = search.fit(&machine, &terms, &mut |_| true).unwrap();
+        let verdict = gate::judge(&without, &search.round(&fit).unwrap(), &campaign, &terms);
+        assert_eq!(verdict.refused, None, "{injected}: {verdict:#?}");
+    }
+}
+
 /// A candidate that looks best and cannot be fitted is set aside with its reason, and the next one is tried at once.
 #[test]
 fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
