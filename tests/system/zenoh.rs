@@ -11,7 +11,7 @@ use crate::common::files::{Bench, machine, samples, text};
 use crate::common::graph::{LaunchText, MEMORY, NAMESPACE, topic};
 use crate::common::network::in_own_network;
 use crate::common::program::{Started, abbe_in, run, signal};
-use crate::common::python::said;
+use crate::common::python::{keep_compiled, said};
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, cdr, type_description};
 use abbe_runtime::ros::Domain;
 use abbe_runtime::transport::zenoh::IS_BUILT;
@@ -35,7 +35,8 @@ fn user(domain: Domain, readings: &Path) -> Option<Command> {
     let mut command = Command::new(interpreter);
     command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers/zenoh_user.py"));
     command.args([&domain.id().to_string(), NAMESPACE]).arg(readings);
-    command.env("PYTHONDONTWRITEBYTECODE", "1").stdin(Stdio::null());
+    command.stdin(Stdio::null());
+    keep_compiled(&mut command);
     Some(command)
 }
 

@@ -25,8 +25,16 @@ pub(crate) fn python(script: &str) -> Option<Command> {
     };
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers").join(script);
     let mut command = Command::new(interpreter);
-    command.arg(path).env("CYCLONEDDS_URI", CYCLONE).env("PYTHONDONTWRITEBYTECODE", "1").stdin(Stdio::null());
+    command.arg(path).env("CYCLONEDDS_URI", CYCLONE).stdin(Stdio::null());
+    keep_compiled(&mut command);
     Some(command)
+}
+
+/// Modules that Python has compiled are kept, and not beside their sources: compiling those of ROS 2 or SciPy takes longer than most
+/// tests do.
+pub(crate) fn keep_compiled(command: &mut Command) {
+    command.env_remove("PYTHONDONTWRITEBYTECODE");
+    command.env("PYTHONPYCACHEPREFIX", Path::new(env!("CARGO_TARGET_TMPDIR")).join("pycache"));
 }
 
 /// A user's program on ROS 2, `tests/system/peers/ros2_user.py`; none where there is no ROS 2 to run it.
@@ -67,7 +75,8 @@ fn ros2_python(what: &str, domain: Domain, words: &[&str]) -> Option<Command> {
         return None;
     };
     let mut command = Command::new(interpreter);
-    command.stdin(Stdio::null()).env("PYTHONDONTWRITEBYTECODE", "1");
+    command.stdin(Stdio::null());
+    keep_compiled(&mut command);
     command.env("ROS_DOMAIN_ID", domain.id().to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET");
     Some(command)
 }

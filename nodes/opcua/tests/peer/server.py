@@ -9,6 +9,7 @@ Output: "ready" when it serves, then a line for each line of input.
 
 import asyncio
 import datetime
+import gc
 import json
 import logging
 import socket
@@ -22,6 +23,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 UNECE = "http://www.opcfoundation.org/UA/units/un/cefact"
 logging.disable(logging.CRITICAL)
+# It lives for moments: a third of them went into looking for garbage while the standard's nodes are made.
+gc.disable()
 
 
 class One:
