@@ -7,7 +7,7 @@ use abbe_graph::launch::Launch;
 use abbe_tests::dependencies::{Graph, WINDOWS};
 use abbe_tests::mutual::{Modules, THERE_ARE};
 use abbe_tests::source::Found;
-use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files};
+use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files, rust_files_below};
 use abbe_tests::{documents, registry, rules};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ fn assert_none(rule: &str, violations: &[String]) {
 
 /// Violations in the production code of files below `folder`.
 fn violations(folder: &str, rule: fn(&abbe_tests::source::Source) -> Vec<Found>) -> Vec<String> {
-    let production = rust_files().into_iter().filter(|file| !file.for_tests && file.path.starts_with(folder));
+    let production = rust_files_below(folder).into_iter().filter(|file| !file.for_tests);
     let mut seen = 0;
     let found = production
         .inspect(|_| seen += 1)
@@ -115,9 +115,10 @@ fn production_code_returns_errors_instead_of_ending_the_program() {
 #[test]
 fn live_nodes_solve_nothing_and_are_simulated_in_one_place() {
     let mut found = Vec::new();
+    let live = rust_files_below(LIVE);
     for (name, places) in NAMED_IN {
         let mut seen = vec![false; places.len()];
-        for file in rust_files().iter().filter(|file| !file.for_tests && file.path.starts_with(LIVE)) {
+        for file in live.iter().filter(|file| !file.for_tests) {
             let named = rules::names_of(&file.source, name);
             match places.iter().position(|place| file.path.starts_with(Path::new(LIVE).join(place))) {
                 Some(place) => seen[place] |= !named.is_empty(),

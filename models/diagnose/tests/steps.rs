@@ -21,12 +21,12 @@ fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
 /// Machines whose arm creeps.
 const CREEPS: [(&str, &str, u64); 8] = [
     ("bridge", "creep:1200", 1),
-    ("bridge", "creep:1200", 2),
-    ("bridge", "creep:600", 1),
-    ("bridge", "creep:600", 2),
     ("gantry", "creep:1200", 1),
-    ("gantry", "creep:1200", 2),
+    ("bridge", "creep:600", 1),
     ("gantry", "creep:2400", 1),
+    ("bridge", "creep:1200", 2),
+    ("gantry", "creep:1200", 2),
+    ("bridge", "creep:600", 2),
     ("gantry", "creep:2400", 2),
 ];
 
@@ -133,7 +133,7 @@ fn regress_a_stand_that_was_bumped_does_not_widen_what_is_corrected() {
 /// An arm that creeps for minutes after its carriage moved was called a jump of a tracer's zero, or of its stand.
 #[test]
 fn regress_what_creeps_is_no_jump() {
-    for (machine, form, seed) in CREEPS {
+    for &(machine, form, seed) in some_of(&CREEPS) {
         let judged = diagnosed(machine, &[form], seed);
         let found = || judged.diagnosis.found.iter();
         let jumps = found().filter(|found| found.name.ends_with("_jump"));

@@ -223,6 +223,7 @@ impl<'a> Search<'a> {
     /// it was stopped.
     pub(crate) fn exchange(&mut self, budget_s: f64, observe: &mut dyn FnMut(Progress) -> bool) -> bool {
         let until = Until { budget_s: budget_s.min(self.time_s().max(1.0)), variance_m2: 0.0 };
+        let mut better = true;
         for share in EXCHANGED {
             for _ in 0..PASSES {
                 let kept = (self.design.clone(), self.chosen.clone(), self.objective);
@@ -234,10 +235,10 @@ impl<'a> Search<'a> {
                 }
                 self.look_again();
                 let goes_on = self.fill(until, &mut |_| true);
-                let better = self.objective < kept.2 - WORTH;
+                better = self.objective < kept.2 - WORTH;
                 if !better {
+                    // The next exchange looks at all candidates itself, once it has taken lines out.
                     (self.design, self.chosen, self.objective) = kept;
-                    self.look_again();
                 }
                 if !self.report(Stage::Exchange, observe) || !goes_on {
                     return false;
@@ -246,6 +247,9 @@ impl<'a> Search<'a> {
                     break;
                 }
             }
+        }
+        if !better {
+            self.look_again();
         }
         true
     }

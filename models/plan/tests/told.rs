@@ -139,7 +139,7 @@ fn an_uncertainty_is_reached_in_less_time_than_its_half_or_the_best_is_named() {
 /// More time and more stands were advised where the scale that all lengths have in common was more than what was wanted.
 #[test]
 fn regress_a_goal_below_the_common_scale_of_the_instrument_names_the_scale() {
-    let mut request = request(bridge, Goal { uncertainty_m: Some(0.56e-6), budget_s: None });
+    let mut request = request(bridge, Goal { uncertainty_m: Some(0.56e-6), budget_s: Some(3.0 * 3600.0) });
     request.instrument.common_per_metre = 3e-6;
     request.lines.levels = 3;
     let error = plan(&request, &mut |_| true).unwrap_err();
