@@ -12,7 +12,7 @@ use abbe_plan::{Goal, plan};
 use common::{Kinds, bridge, drive, fyxz, gantry, measured, moving_table, request, simulated, verified};
 
 /// Machines of each kind.
-const MACHINES: u64 = 16;
+const MACHINES: u64 = 24;
 /// Verification points of each.
 const POINTS: usize = 150;
 /// How far promise and achievement may be apart.
