@@ -114,7 +114,7 @@ impl Repository {
     /// Runs the script: whether it made a release, and what it said.
     fn release(&self) -> (bool, String) {
         let mut script = Command::new("bash");
-        script.arg("packaging/release").env_remove("ABBE_TRAIN").current_dir(&self.0);
+        script.arg("packaging/release").env_remove("ABBE_BUILT").current_dir(&self.0);
         let output = script.output().unwrap();
         let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
         (output.status.success(), said)
