@@ -13,7 +13,7 @@ test:
 
 # The statistical tests with all their seeds (some ten minutes); in the tests above a third of them are tried
 seeds:
-    ABBE_SEEDS=all cargo test -p abbe-diagnose --test steps --test study_instrument --test study_runs --test study_runs_measured --test study_steps --test study_vectors --test study_vectors_measured
+    ABBE_SEEDS=all cargo test -p abbe-diagnose --test all
 
 # Training on a graphics card, or on Mesa's software card (Debian: mesa-vulkan-drivers); compiles some 200 more crates
 graphics:
@@ -33,7 +33,7 @@ real-time *options:
 
 # LinuxCNC without a machine or a screen, read by the driver (Debian: linuxcnc-uspace); skipped aloud without it
 linuxcnc:
-    cargo test -p abbe-graph --test linuxcnc -- --nocapture
+    cargo test -p abbe-graph --test all -- --nocapture linuxcnc::
 
 # DDS Security beside Fast DDS (Debian: libssl-dev, libfastrtps-dev); 29 more crates, skipped aloud without Fast DDS
 secured:

@@ -1,12 +1,10 @@
 //! No bytes make the readers panic: arbitrary ones, and bags and messages damaged at random.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
 #[path = "../fuzz/exercise.rs"]
 #[allow(unreachable_pub)] // it is the public face of the fuzz targets
 mod exercise;
 
+use crate::common;
 use std::ops::Range;
 use std::sync::OnceLock;
 

@@ -1,9 +1,6 @@
 //! Bags give back what was written, say what is wrong with them, and can be recovered.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
-
+use crate::common;
 use std::path::{Path, PathBuf};
 
 use abbe_msgs::bag::{self, BagError, BagMessage, BagWriter, Qos, Recovery};

@@ -2,10 +2,7 @@
 //! back by nothing but the text of its `.msg` file. A field added, renamed, moved or retyped on one
 //! side only fails here.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
-
+use crate::common;
 use abbe_msgs::definition::{self, Count, Field};
 use abbe_msgs::standard::{
     Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Log, Marker, Point, Range, RelativeHumidity,

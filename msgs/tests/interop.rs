@@ -3,10 +3,7 @@
 //! Needs a Python with PyPI `rosbags` and `mcap-ros2-support`; name it in `ABBE_PYTHON`. Without it
 //! the tests say that they were skipped, and with `ABBE_REQUIRE_PEERS=1` they fail.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
-
+use crate::common;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;

@@ -1,10 +1,7 @@
 //! Samples survive sample -> ROS -> CDR -> ROS -> sample, and nothing less than a whole message is
 //! taken for one.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
-
+use crate::common;
 use abbe_msgs::{
     CorrectedCoordinates, CorrectionStatus, Covariates, Message, RangeResidual, ResidualStatus, RosType, ScaleReading,
     Sha256, Stamp, Text, TracerReading, cdr, standard,

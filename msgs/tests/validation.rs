@@ -1,10 +1,7 @@
 //! What arrives is checked: each way a message can be wrong is refused by name, and the standard
 //! messages never carry what is not there.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests fail the test
-
-mod common;
-
+use crate::common;
 use abbe_msgs::standard::{JointState, PointStamped};
 use abbe_msgs::{
     CorrectedCoordinates, CorrectionStatus, Covariates, Message, MessageError, RangeResidual, ResidualStatus,

@@ -35,6 +35,19 @@ pub fn names_against_files(files: &[String], names: &[&str]) -> Vec<String> {
     without.chain(names.difference(&files).map(|name| format!("{name}: an effect, but no file of that name"))).collect()
 }
 
+/// Test files beside a program that neither it nor another of them takes in: their tests would never run.
+pub fn files_without_program(files: &[String], beside: &[Source], programs: &[String]) -> Vec<String> {
+    let taken: BTreeSet<String> = beside
+        .iter()
+        .flat_map(|source| {
+            let words = source.words();
+            let named = words.windows(2).filter(|pair| pair[0].what == "mod");
+            named.map(|pair| pair[1].what.clone()).collect::<Vec<_>>()
+        })
+        .collect();
+    files.iter().filter(|file| !taken.contains(*file) && !programs.contains(*file)).cloned().collect()
+}
+
 /// Words that stand in the production code of a file.
 pub fn mentions(source: &Source, words: &[String]) -> Vec<String> {
     let found = source.words();
@@ -75,6 +88,13 @@ mod tests {
 
     fn names(list: &[&str]) -> Vec<String> {
         list.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    #[test]
+    fn a_test_file_that_no_program_takes_in_is_found() {
+        let beside = ["mod one; mod common; fn two() {}", "mod three;"].map(source);
+        let files = names(&["main", "one", "two", "three", "alone"]);
+        assert_eq!(files_without_program(&files, &beside, &names(&["main", "alone"])), names(&["two"]));
     }
 
     #[test]

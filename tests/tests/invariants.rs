@@ -6,7 +6,7 @@
 use abbe_graph::launch::Launch;
 use abbe_tests::dependencies::{Graph, WINDOWS};
 use abbe_tests::mutual::{Modules, THERE_ARE};
-use abbe_tests::source::Found;
+use abbe_tests::source::{Found, Source};
 use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files, rust_files_below};
 use abbe_tests::{documents, registry, rules};
 use std::collections::{BTreeMap, BTreeSet};
@@ -38,7 +38,7 @@ fn assert_none(rule: &str, violations: &[String]) {
 }
 
 /// Violations in the production code of files below `folder`.
-fn violations(folder: &str, rule: fn(&abbe_tests::source::Source) -> Vec<Found>) -> Vec<String> {
+fn violations(folder: &str, rule: fn(&Source) -> Vec<Found>) -> Vec<String> {
     let production = rust_files_below(folder).into_iter().filter(|file| !file.for_tests);
     let mut seen = 0;
     let found = production
@@ -160,6 +160,28 @@ fn no_test_is_switched_off() {
         rules::ignored_tests(&file.source).into_iter().map(move |f| format!("{}:{}", file.path.display(), f.line))
     });
     assert_none("a test runs or does not exist", &found.collect::<Vec<_>>());
+}
+
+/// Tests of a package are one program; a file that it does not take in would never run, and nobody would notice.
+#[test]
+fn every_test_file_is_part_of_a_program() {
+    let all = files();
+    let manifests: String = all.iter().filter(|path| path.ends_with("Cargo.toml")).map(read).collect();
+    let is_main = |path: &&PathBuf| path.ends_with("tests/main.rs") || path.ends_with("system/main.rs");
+    let folders: Vec<&Path> = all.iter().filter(is_main).filter_map(|path| path.parent()).collect();
+    assert!(folders.len() >= 2, "{folders:?}");
+    let mut found = Vec::new();
+    for folder in folders {
+        let last = folder.file_name().unwrap_or_default().to_string_lossy();
+        let names = stems(&folder.to_string_lossy());
+        let is_program = |name: &&String| manifests.contains(&format!("{last}/{name}.rs\""));
+        let programs: Vec<String> = names.iter().filter(is_program).cloned().collect();
+        let parsed = |name: &String| Source::parse(&read(folder.join(format!("{name}.rs")))).expect("Rust");
+        let beside: Vec<Source> = names.iter().map(parsed).collect();
+        let lost = registry::files_without_program(&names, &beside, &programs);
+        found.extend(lost.into_iter().map(|name| format!("{}/{name}.rs", folder.display())));
+    }
+    assert_none("a line `mod NAME;` in main.rs", &found);
 }
 
 #[test]

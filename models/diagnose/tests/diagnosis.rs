@@ -3,10 +3,8 @@
 //! The power of the method over many machines and sizes is the business of the trial bench (`tests/evidence/trials`); here each
 //! rule has one or two cases that fail when it breaks.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
-
-mod common;
-
+use crate::common;
+use crate::common::{Case, INSTRUMENT};
 use abbe_diagnose::Explanation;
 use abbe_diagnose::{Departure, DiagnoseError, DiagnoseOptions, Diagnosis, NotIdentifiable, diagnose};
 use abbe_geometry::Vector3;
@@ -21,7 +19,6 @@ use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::simulate_campaign;
-use common::{Case, INSTRUMENT};
 
 fn names(diagnosis: &Diagnosis) -> Vec<&str> {
     diagnosis.found.iter().map(|found| found.name).collect()

@@ -3,12 +3,8 @@
 //!
 //! `cargo run --example foreign` (this crate) prints the same over many machines, causes and seeds.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
-
-mod foreign;
-
+use crate::foreign::bench::{Judged, identified, judged};
 use abbe_diagnose::DiagnoseOptions;
-use foreign::bench::{Judged, identified, judged};
 
 fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
     judged(machine, forms, seed, &DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() })

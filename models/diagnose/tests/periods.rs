@@ -3,19 +3,13 @@
 //! Place in the flow: simulated campaigns with a wave of one scale. Lines at equal steps take one period for another; what a diagnosis then
 //! says must hold between the places that were read. SI, machine frame.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::common::{Case, SPLINE};
+use crate::seeds::seeds;
 use abbe_diagnose::Diagnosis;
 use abbe_geometry::effects::ShapeValue;
 use abbe_virtual_machine::plan::PlanRecipe;
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::simulate_campaign;
-use common::{Case, SPLINE};
-use seeds::seeds;
 
 /// A wave of Y as large as many readings show.
 const WAVE: &str = "periodic_scale axis=y size_um=1.5 pitch_mm=4";

@@ -1,18 +1,11 @@
 //! Machines that step in the middle of their campaign, by a simulator that shares nothing with this project: the step is said with its
 //! instant, and the uncertainty of what is corrected afterwards holds it. What is no step is not called one.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
-
-#[path = "common/seeds.rs"]
-mod seeds;
-
-mod foreign;
-
+use crate::foreign::bench::{Judged, judged};
+use crate::foreign::causes::STEPS_AT_S;
+use crate::seeds::{seeds, some_of};
 use abbe_diagnose::Explanation;
 use abbe_diagnose::{Change, DiagnoseOptions};
-use foreign::bench::{Judged, judged};
-use foreign::causes::STEPS_AT_S;
-use seeds::{seeds, some_of};
 
 fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
     judged(machine, forms, seed, &DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() })

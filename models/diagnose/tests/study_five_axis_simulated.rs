@@ -1,7 +1,5 @@
 //! Simulated fork heads with a known flaw: it is found and rightly named, and nothing is found where there is none.
 //! The kinematics here are the test's own: matrices multiplied out, no code shared with the study.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
-
 use abbe_diagnose::study::five_axis::{SphereCentre, diagnose};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use rand::{Rng, SeedableRng};

@@ -1,6 +1,4 @@
 //! The ten measured sphere centres of Zhang 2016 (table 2): what the nine-unknown model leaves, and what explains it.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
-
 use abbe_diagnose::study::StudyOptions;
 use abbe_diagnose::study::five_axis::{SphereCentre, diagnose};
 

@@ -1,19 +1,13 @@
 //! What an instrument, or the plate that is measured, does by itself while rows are taken is not handed to the machine: it stays out of the
 //! model, or in it with an uncertainty that reaches to nothing. The machine is perfect in all of these unless a test says otherwise.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/bridge.rs"]
-mod bridge;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::bridge::{machine, normal};
+use crate::seeds::seeds;
 use abbe_diagnose::study::runs::{self, Approach, Run};
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Parameter, StudyDiagnosis, StudyOptions};
-use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use seeds::seeds;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 

@@ -1,7 +1,5 @@
 //! Vectors of a plate: scales and squareness are named before any smooth form, the plate's own form goes where it was turned,
 //! and what a plane or an unknown plate cannot tell is said. Errors are written out here, not taken from the candidates.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
-
 use abbe_diagnose::Explanation;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Effect, Parameter, StudyDiagnosis, StudyOptions};

@@ -1,22 +1,14 @@
 //! Simulated ISO 230-2 runs with and without each effect: what is there is found, and what is not is not.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/bridge.rs"]
-#[allow(dead_code)] // each user takes its part
-mod bridge;
-#[path = "common/screw.rs"]
-#[allow(dead_code)] // each user takes its part
-mod screw;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::bridge;
+use crate::screw;
+use crate::screw::predicted_at_m;
+use crate::seeds::{one_in_twenty, seeds};
 use abbe_diagnose::study::runs::{Approach, Run, diagnose, positions};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions, Terms};
 use abbe_geometry::unseen_expansion::UnseenExpansion;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use screw::predicted_at_m;
-use seeds::{one_in_twenty, seeds};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 

@@ -1,21 +1,14 @@
 //! Runs as loggers give them: few cycles, few targets, correlated noise, gross rows, copies, another unit. What
 //! is there is found, what is not is not, and what the figures claim holds.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/logger.rs"]
-#[allow(dead_code)] // each user takes its part
-mod logger;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::logger::{Flaw, Plan, logged};
+use crate::seeds::{one_in_twenty, seeds, some_of};
 use abbe_diagnose::study::runs::{Run, diagnose};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions, Terms};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State, construct};
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
 use abbe_geometry::rotation::RotationForm;
-use logger::{Flaw, Plan, logged};
-use seeds::{one_in_twenty, seeds, some_of};
 
 fn study(plan: &Plan, flaws: &[Flaw], seed: u64) -> StudyDiagnosis {
     diagnose(&logged(plan, flaws, seed), &StudyOptions::default()).unwrap()

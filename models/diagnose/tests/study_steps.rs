@@ -1,24 +1,15 @@
 //! Steps in time: found where they are, with place and size; told from drifts; not seen in noise, however it hangs together.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/logger.rs"]
-#[allow(dead_code)] // each user takes its part
-mod logger;
-#[path = "common/records.rs"]
-mod records;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::logger::{Flaw, Plan, logged};
+use crate::records::{Record, Scatter};
+use crate::seeds::{one_in_twenty, seeds};
 use abbe_diagnose::Explanation;
 use abbe_diagnose::study::runs::{self, Run};
 use abbe_diagnose::study::vectors::{self, ResidualVector};
 use abbe_diagnose::study::{Effect, StudyDiagnosis, StudyOptions};
 use abbe_geometry::Axis;
-use logger::{Flaw, Plan, logged};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use records::{Record, Scatter};
-use seeds::{one_in_twenty, seeds};
 
 fn of_vectors(vectors: &[ResidualVector]) -> StudyDiagnosis {
     vectors::diagnose(vectors, None, &StudyOptions::default()).unwrap()

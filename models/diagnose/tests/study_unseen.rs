@@ -1,16 +1,11 @@
 //! What data of instruments do that textbooks do not: displays of few digits, errors without any form, drifts that no later
 //! sample can be told. Nothing ends the program, nothing is claimed that unseen blocks refute, and u holds what was left out.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/logger.rs"]
-#[allow(dead_code)] // each user takes its part
-mod logger;
-
+use crate::logger::{Flaw, Plan, logged, normal};
 use abbe_diagnose::study::runs::{Run, diagnose};
 use abbe_diagnose::study::vectors::{self, ResidualVector};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use abbe_geometry::Axis;
-use logger::{Flaw, Plan, logged, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;

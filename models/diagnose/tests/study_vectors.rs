@@ -1,20 +1,14 @@
 //! Simulated residual vectors with and without each cause: named where a registered effect explains them, described
 //! where none does, silent where there is nothing. The errors are written out here, not taken from the effects.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/bridge.rs"]
-mod bridge;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::bridge::{machine, normal};
+use crate::seeds::{one_in_twenty, seeds};
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::Explanation;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose, diagnose_observed};
 use abbe_diagnose::study::{Progress, StudyDiagnosis, StudyOptions};
-use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use seeds::{one_in_twenty, seeds};
 
 const SIGMA_M: f64 = 1e-6;
 

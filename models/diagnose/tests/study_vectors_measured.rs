@@ -1,15 +1,11 @@
 //! Residual vectors as calibrations give them: noise that is correlated and differs by component, gross points, copies,
 //! columns that nobody measured.
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::seeds::{one_in_twenty, seeds};
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use seeds::{one_in_twenty, seeds};
 
 /// Error (µm) of component x at a load (N).
 type Bends = fn(f64) -> f64;

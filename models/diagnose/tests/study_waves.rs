@@ -1,20 +1,12 @@
 //! Waves of a screw in runs after ISO 230-2, beside its pitch error: named where the plan tells them, never where there is none; and what lies
 //! between the targets is within U, whatever it is called. The axes are those of a generator of its own (`common/screw.rs`).
-#![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-#[path = "common/bridge.rs"]
-#[allow(dead_code)] // each user takes its part
-mod bridge;
-#[path = "common/screw.rs"]
-mod screw;
-#[path = "common/seeds.rs"]
-mod seeds;
-
+use crate::bridge;
+use crate::screw::{Screw, predicted_m};
+use crate::seeds::seeds;
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::study::runs::{diagnose, diagnose_observed};
 use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
-use screw::{Screw, predicted_m};
-use seeds::seeds;
 
 /// Places between the targets at which a model is held against the axis.
 const PLACES: u32 = 200;

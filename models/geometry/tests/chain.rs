@@ -1,7 +1,5 @@
 //! Evidence for the kinematic chain: hand-computed signs, the papers' formulas, and derivatives away from zero.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_geometry::chain::{ChainPoint, ErrorValues, chain_point, nominal_point_m};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};

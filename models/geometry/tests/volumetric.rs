@@ -1,7 +1,5 @@
 //! Evidence for maps and lines of volumetric error: hand cases, names of diagonals, uncertainty, refusals.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_geometry::correct::Status;
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};

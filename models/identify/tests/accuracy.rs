@@ -3,10 +3,7 @@
 //! Place in the flow: the whole of identification on campaigns of the virtual machine. Tolerances are multiples of
 //! the uncertainty that identification itself reports, plus a bound on that uncertainty so that it cannot hide.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE, held_zero, of_low_order};
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::rotation::RotationForm;
@@ -14,7 +11,6 @@ use abbe_identify::{Identified, IdentifyOptions, OrderChoice, Progress, identify
 use abbe_virtual_machine::machine::Roughness;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use abbe_virtual_machine::{MachineTruth, TruthRecipe};
-use common::{Case, INSTRUMENT, SPLINE, held_zero, of_low_order};
 
 /// Largest deviation in units of its uncertainty: of some 250 comparisons a normal one passes 4.5 in one machine
 /// of 600; half a unit more allows for the smoothing, whose bias the uncertainty holds on average only.

@@ -2,10 +2,7 @@
 //!
 //! Place in the flow: the whole of identification on campaigns of the virtual machine, each spoilt in one way.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE, state};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_identify::station_start::start;
@@ -15,7 +12,6 @@ use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::instrument::Outliers;
 use abbe_virtual_machine::{SimulationConfig, simulate_campaign};
-use common::{Case, INSTRUMENT, SPLINE, state};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

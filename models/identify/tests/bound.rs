@@ -3,17 +3,13 @@
 //! Place in the flow: one machine whose errors polynomials of degree 3 hold exactly, measured again and again with
 //! fresh noise. Everything is judged in units of the bound of the plan.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE, of_low_order};
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::{IdentifyError, IdentifyOptions, OrderChoice, at_cramer_rao_bound};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
-use common::{Case, INSTRUMENT, SPLINE, of_low_order};
 use std::collections::BTreeMap;
 
 /// Campaigns of the same plan.

@@ -3,17 +3,13 @@
 //! Place in the flow: simulated campaigns whose lengths are all too long or too short by one part in so many. No residual shows it, and no
 //! number of readings averages it out: what is declared of it must be in what the model states. Coordinates in the machine frame.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE};
 use abbe_geometry::Vector3;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::{IdentifyOptions, identify, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::TruthRecipe;
-use common::{Case, INSTRUMENT, SPLINE};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

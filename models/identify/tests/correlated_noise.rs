@@ -3,16 +3,12 @@
 //! Place in the flow: simulated machines whose tracer has, beside its declared noise, a first-order autoregression in the order
 //! of measurement. SI, machine frame.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE};
 use abbe_geometry::Matrix3;
 use abbe_geometry::Vector3;
 use abbe_identify::{Along, Identified, IdentifyOptions, Noise, in_parallel};
 use abbe_virtual_machine::instrument::Correlated;
 use abbe_virtual_machine::{TruthRecipe, simulate_campaign};
-use common::{Case, INSTRUMENT, SPLINE};
 
 /// Machines of each kind of noise: the share covered by one varies by 4 %, so that the mean of 12 is known to 1.2 %.
 const MACHINES: u64 = 12;

@@ -7,10 +7,7 @@
 //! A second set of machines has rams that stand hundreds of microradians off the axes, campaigns that tell all, some or
 //! nothing of it, and points with offsets that were measured, that lie between them, and far outside.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE, held_zero};
 use abbe_geometry::ErrorId;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
@@ -20,7 +17,6 @@ use abbe_geometry::{Matrix3, Vector3};
 use abbe_identify::{IdentifyOptions, in_parallel};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
-use common::{Case, INSTRUMENT, SPLINE, held_zero};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

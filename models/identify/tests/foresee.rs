@@ -3,15 +3,11 @@
 //! Place in the flow: simulated campaigns are identified; their readings without their lengths, and the smoothness that the fit
 //! found, must give the same covariance. What a model file tells of that smoothness must come to the same.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, SPLINE};
 use abbe_geometry::ErrorId;
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, Identified, IdentifyError, IdentifyOptions, foresee};
 use abbe_virtual_machine::TruthRecipe;
-use common::{Case, INSTRUMENT, SPLINE};
 
 fn foreseen(case: &Case, fit: &Identified, belief: &Belief) -> Result<Identified, IdentifyError> {
     let of = |s: &abbe_geometry::model::Station| StationStart { position_m: s.position_m, dead_path_m: s.dead_path_m };

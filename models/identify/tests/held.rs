@@ -1,15 +1,12 @@
 //! A function that the machine file holds at zero is named as the cause of a misfit where the machine has it.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common;
+use crate::common::{Case, INSTRUMENT, SPLINE};
 use abbe_geometry::ErrorId;
 use abbe_identify::verdict::{Cause, Verdict, ask_held_functions, of_campaign};
 use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::TruthRecipe;
-use common::{Case, INSTRUMENT, SPLINE};
 
 fn case(held: &[&str]) -> Case {
     let truth = TruthRecipe { seed: 11, ..TruthRecipe::default() }.bridge_xyz().unwrap();

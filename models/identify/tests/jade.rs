@@ -1,7 +1,5 @@
 //! Evidence for JADE: standard functions, its laws, and what it refuses.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_identify::jade::{
     Bounds, Ended, JadeError, JadeOptions, Minimum, minimise, perturbed_population, uniform_population,
 };

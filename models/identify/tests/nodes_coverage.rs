@@ -4,10 +4,7 @@
 //! edges with nine nodes an axis, as the FYXZ paper does, and bridges from campaigns whose readings lie anywhere. Machines,
 //! not points, make the statistics.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, INSTRUMENT, held_zero};
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
@@ -19,7 +16,6 @@ use abbe_identify::{IdentifyOptions, OrderChoice};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::machine::Roughness;
 use abbe_virtual_machine::plan::presets;
-use common::{Case, INSTRUMENT, held_zero};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

@@ -2,16 +2,12 @@
 //!
 //! Place in the flow: the whole of identification on plans of the virtual machine with one thing left out each.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, SPLINE, held_zero, of_low_order};
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::FunctionKind;
 use abbe_identify::{IdentifyError, IdentifyOptions, OrderChoice, Unobservable};
 use abbe_virtual_machine::plan::{LineKind, LinePlan, LineSelection, Plan, PlanRecipe, presets};
 use abbe_virtual_machine::{MachineTruth, TruthRecipe};
-use common::{Case, SPLINE, held_zero, of_low_order};
 use std::collections::BTreeSet;
 
 fn bridge() -> MachineTruth {

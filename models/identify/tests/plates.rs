@@ -1,8 +1,7 @@
 //! Evidence for the fit of plates: what a plane supports comes out, in one pose or several, with heights or without; what it
 //! does not is named and held at zero; what lies in the plane is corrected as well as the noise allows.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
-
+use crate::common::{description, of_low_order};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::error_function::FunctionKind;
@@ -14,12 +13,9 @@ use abbe_identify::points::{
 };
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
-use common::{description, of_low_order};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-
-mod common;
 
 const NOISE_M: f64 = 0.2e-6;
 const OFFSET_M: [f64; 3] = [0.0, 0.0, -0.06];

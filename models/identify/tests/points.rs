@@ -1,7 +1,6 @@
 //! Evidence for the fit of measured positions: both ways, outliers, what cannot be seen, what is refused.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
-
+use crate::common::{description, of_low_order};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::error_function::FunctionKind;
@@ -12,12 +11,9 @@ use abbe_identify::points::{
     fit_points_of_best_degree, fit_points_smooth,
 };
 use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
-use common::{description, of_low_order};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
-
-mod common;
 
 /// Standard deviation of each measured coordinate (m).
 const NOISE_M: f64 = 0.3e-6;

@@ -2,14 +2,10 @@
 //!
 //! Place in the flow: the whole of identification on a campaign of the virtual machine with outliers put in.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Case, SPLINE};
 use abbe_identify::IdentifyOptions;
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::TruthRecipe;
-use common::{Case, SPLINE};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;

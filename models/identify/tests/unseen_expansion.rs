@@ -3,10 +3,7 @@
 //! Place in the flow: lean campaigns in which the temperature goes from station to station, on machines whose X expands by as much
 //! as stations and errors hide. Identified models correct points of another day, three kelvin warmer. Coordinates in the machine frame.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{INSTRUMENT, SPLINE, description};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, Shape, State};
 use abbe_geometry::machine::Machine;
@@ -18,7 +15,6 @@ use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use abbe_virtual_machine::verification::VerificationPoint;
 use abbe_virtual_machine::{Axis, SimulationConfig, TruthRecipe, simulate_campaign, verification_points};
-use common::{INSTRUMENT, SPLINE, description};
 use std::sync::Arc;
 
 const MACHINES: u64 = 48;

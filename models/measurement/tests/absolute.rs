@@ -2,8 +2,6 @@
 //!
 //! Place in the flow: [`abbe_measurement::multilateration`] as `abbe points` calls it. Simulated, SI.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::{RangeUncertainty, U_ABSOLUTE_ZERO_M};

@@ -2,8 +2,6 @@
 //!
 //! Place in the flow: for the documents too, which quote these figures. Seeded; noise is normal unless a test says other.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
 use abbe_measurement::guideway::{
     Guideway, GuidewayAxis, GuidewayFrame, GuidewayOptions, GuidewayRotation, StrayTarget, TargetPoint,
 };

@@ -2,15 +2,11 @@
 //!
 //! Place in the flow: machines that no plan has seen are simulated along each of the paths, identified and verified.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{OFFSETS_M, bridge, drive, measured, request, simulated, verified_inside};
 use abbe_identify::{Belief, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use abbe_plan::{Goal, Measured, Request, plan};
 use abbe_virtual_machine::plan::{LineKind, LineSelection, Plan as Drive, PlanRecipe, presets};
-use common::{OFFSETS_M, bridge, drive, measured, request, simulated, verified_inside};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -3,13 +3,9 @@
 //! Place in the flow: plans for four kinds of machine are made without any of their data; then machines that nobody has seen
 //! are simulated along them, identified and verified. The promise holds on average over machines.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{Kinds, bridge, drive, fyxz, gantry, measured, moving_table, request, simulated, verified};
 use abbe_identify::in_parallel;
 use abbe_plan::{Goal, plan};
-use common::{Kinds, bridge, drive, fyxz, gantry, measured, moving_table, request, simulated, verified};
 
 /// Machines of each kind.
 const MACHINES: u64 = 24;

@@ -2,16 +2,12 @@
 //!
 //! Place in the flow: as `promise.rs`, with physics beyond the geometry.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
-mod common;
-
+use crate::common::{INSTRUMENT, bridge, drive, request, simulated};
 use abbe_diagnose::{DiagnoseOptions, diagnose};
 use abbe_geometry::effects::Shape;
 use abbe_plan::{Goal, PlanError, Request, Sensor, Stage, Wish, check, plan};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::simulate_campaign;
-use common::{INSTRUMENT, bridge, drive, request, simulated};
 
 const SHORT: Goal = Goal { uncertainty_m: None, budget_s: Some(2.5 * 3600.0) };
 

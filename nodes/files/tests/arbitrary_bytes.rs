@@ -1,17 +1,14 @@
 //! No bytes make a reader panic, and what was written is read again as it was.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
 #[path = "../fuzz/exercise.rs"]
 mod exercise;
-mod mangled;
 
+use crate::mangled::mangled;
 use abbe_files::{
     ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, parse_plan_request, read_campaign,
     read_guideway, read_positions, read_sphere_centres,
 };
 use exercise::handed_through;
-use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
 

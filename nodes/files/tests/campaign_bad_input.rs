@@ -1,7 +1,5 @@
 //! Each thing that can be wrong with a campaign is named with file, line, column and remedy.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
 use abbe_files::{CampaignFile, FileError, read_campaign};
 
 const HEAD: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm,temp_air_c";

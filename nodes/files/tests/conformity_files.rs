@@ -1,14 +1,10 @@
 //! Files of acceptance tests, lengths and runs: no bytes make reader or evaluation panic, and what is wrong is named.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
-mod mangled;
-
+use crate::mangled::mangled;
 use abbe_conformity::length::{LengthTest, Probing, evaluate};
 use abbe_conformity::positioning::{self, Approach, Direction};
 use abbe_diagnose::study::runs::Approach as Approached;
 use abbe_files::{FileError, LengthFile, StudyFile, read_lengths, read_runs};
-use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
 

@@ -1,9 +1,6 @@
 //! Tables for controllers, applied as each controller applies them: the error of the machine shrinks to what tables miss.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common;
 use abbe_files::ModelFile;
 use abbe_files::export::{About, ExportedFile, Writer, format, geometric_error_m, of_places};
 use abbe_geometry::Vector3;

@@ -1,10 +1,7 @@
 //! What exports say of a whole volume, on machines of every chain: the error rebuilt from tables by the pivots in their head, and factors of
 //! skew applied as firmware applies them.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common;
 use abbe_files::export::{About, ExportedFile, Writer, format, geometric_error_m, of_places};
 use abbe_files::{ModelFile, parse_machine};
 use abbe_geometry::axis::{Axis, ErrorId};

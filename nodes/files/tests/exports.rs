@@ -1,9 +1,6 @@
 //! Exports read back: every format holds the numbers of the model, with sign, unit and order as its head says.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common;
 use abbe_field::{Grid, Table};
 use abbe_files::ModelFile;
 use abbe_files::export::{About, ExportedFile, FORMATS, SampledGrid, Writer, format, geometric_error_m, of_places};

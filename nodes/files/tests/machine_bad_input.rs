@@ -1,7 +1,5 @@
 //! Each thing that can be wrong with a machine file is named with file, line, key and remedy.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
 use abbe_files::{MachineFile, OrderChoice, machine_text, parse_machine};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Side;

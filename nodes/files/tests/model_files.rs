@@ -1,12 +1,8 @@
 //! A model comes back bit for bit, and nothing but the whole, unchanged model is accepted.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
-mod common;
-
+use crate::common::model;
 use abbe_files::{FileError, ModelFile, hex};
 use abbe_geometry::machine::{Machine, Side};
-use common::model;
 use proptest::prelude::*;
 use sha2::{Digest, Sha256};
 

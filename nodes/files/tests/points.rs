@@ -1,9 +1,6 @@
 //! Points go through with their cells as they were and the corrected coordinates beside them.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
-mod common;
-
+use crate::common;
 use abbe_files::{ADDED_COLUMNS, FileError, PointRow, PointsReader, PointsWriter};
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};

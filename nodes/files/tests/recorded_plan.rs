@@ -3,8 +3,6 @@
 //! Place in the flow: what both reach is stated alike, from nominal readings, noise as declared and the same bends; that such
 //! statements come true is shown in `models/plan/tests`. Only positions, offsets and stations are taken from the recording.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
-
 use abbe_files::{read_campaign_file, read_machine, read_plan_request};
 use abbe_geometry::ErrorId;
 use abbe_identify::station_start::StationStart;

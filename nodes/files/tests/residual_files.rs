@@ -1,8 +1,6 @@
 //! A residual model comes back bit for bit; one of another machine, model, layout or with one bit changed is refused.
 //! Residual vectors come back from a file with what they are of.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
 use abbe_diagnose::study::vectors::ResidualVector;
 use abbe_files::{
     DataSource, FileError, LoadedResidual, ResidualFile, ResidualOrigin, ResidualOwner, hex, read_residual_origin,

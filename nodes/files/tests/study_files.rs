@@ -1,7 +1,5 @@
 //! Sphere centres, positioning runs and residual vectors are read in SI; what is wrong is named with its place and remedy.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
-
 use abbe_diagnose::study::runs::Approach;
 use abbe_files::{
     read_component_vectors, read_plane_vectors, read_residual_vectors, read_runs, read_sphere_centres,

@@ -1,17 +1,13 @@
 //! Evidence for diagnoses: what the program is given, what becomes of the model it proposes, and that it ends with the
 //! node. The program here is a shell script in place of `abbe diagnose`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::{bench, other_bench};
 use abbe_files::{ModelFile, read_campaign_file};
 use abbe_geometry::effects::Shape;
 use abbe_graph::diagnosis_run::{DiagnosisRun, Job, Outcome};
 use abbe_identify::{EffectTerm, IdentifyOptions, TIME, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
-use common::{bench, other_bench};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::mpsc::sync_channel;

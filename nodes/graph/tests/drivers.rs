@@ -1,10 +1,7 @@
 //! Evidence for what recorded campaigns say of their uncertainty: that of the reflector's distance, so that a monitor on a
 //! sound machine sees a mean square of one.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::{HASH, bench};
 use abbe_files::write_campaign;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::bag_campaign::{CampaignFromBag, JoinSettings, campaign_from_bag};
@@ -15,7 +12,6 @@ use abbe_measurement::campaign::Campaign;
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::{Covariates, Message, ScaleReading, Stamp, Text, TracerReading};
 use abbe_runtime::Shutdown;
-use common::{HASH, bench};
 use std::sync::Arc;
 
 #[test]

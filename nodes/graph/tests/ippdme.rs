@@ -1,28 +1,19 @@
 //! Evidence for a server of I++ DME as a source: positions, tools, coordinate systems, errors of each class, connections that end.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-#[path = "../../ippdme/tests/cmm/mod.rs"]
-mod cmm;
-mod common;
-#[path = "../../ippdme/tests/cmm/errors.rs"]
-mod errors;
-#[path = "../../ippdme/tests/cmm/tcp.rs"]
-mod tcp;
-
+use crate::cmm::Cmm;
+use crate::common::bench;
+use crate::errors;
+use crate::tcp::Tcp;
 use abbe_graph::driver::{DriverConfig, DriverError, IppdmeConfig, ScaleDriver, open_scale, open_tracer};
 use abbe_graph::link::LinkState;
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
-use cmm::Cmm;
-use common::bench;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::net::TcpListener;
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tcp::Tcp;
 
 const TOOLS: &str = "tools_mm = { Probe1 = [0.0, 0.0, -120.0], Star = [35.0, -12.0, -150.0] }";
 

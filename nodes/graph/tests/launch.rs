@@ -1,7 +1,5 @@
 //! Evidence for launch files: what is refused, where, and that no text makes the parser panic.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_graph::launch::{Launch, NodeName};
 use abbe_runtime::TransportKind;
 use abbe_runtime::realtime::online_cores;

@@ -1,15 +1,11 @@
 //! Evidence for lines of text as a source: units, stamps and what is missing; connections that end; lines that are no reading.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::bench;
 use abbe_files::MachineFile;
 use abbe_graph::driver::{DriverConfig, DriverError, LinesConfig, ScaleDriver, open_scale, open_sensor, open_tracer};
 use abbe_graph::link::LinkState;
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
-use common::bench;
 use std::io::Write;
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::Path;

@@ -1,15 +1,11 @@
 //! Evidence for LinuxCNC as a source: when its samples were taken, what it says of side and feed, axes that are not homed, and the
 //! real program with a simulated machine (Debian: `linuxcnc-uspace`; without it that one test says that it was skipped).
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::bench;
 use abbe_graph::driver::{DriverConfig, DriverError, ScaleDriver, open_scale, open_tracer};
 use abbe_graph::link::{Link, LinkState};
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
-use common::bench;
 use std::fmt::Write as _;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};

@@ -1,18 +1,11 @@
 //! Evidence for a server of OPC UA as a source, with a server that is not ours: units, stamps, ages, what is missing, restarts.
 
-#![cfg(feature = "opcua")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-#[path = "../../opcua/tests/peer/mod.rs"]
-mod peer;
-
+use crate::common::bench;
+use crate::peer::{Peer, now_ms};
 use abbe_graph::driver::{DriverConfig, DriverError, ScaleDriver, open_scale, open_sensor, open_tracer};
 use abbe_graph::link::{Link, LinkState};
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
-use common::bench;
-use peer::{Peer, now_ms};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};

@@ -1,10 +1,7 @@
 //! Evidence for the change of a residual model in a running node: no sample is lost, each is corrected by one whole
 //! residual model that belongs to the geometric model that made it, and a file that cannot be used changes nothing.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
-mod common;
-
+use crate::common::{HASH, bench, replace};
 use abbe_files::{FileError, LoadedResidual, ResidualFile, ResidualOwner};
 use abbe_graph::feed::Feed;
 use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
@@ -12,7 +9,6 @@ use abbe_msgs::cdr;
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, Sha256};
 use abbe_residual_net::ResidualModel;
 use abbe_residual_net::record::{Array, Record};
-use common::{HASH, bench, replace};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,7 +1,5 @@
 //! Evidence for topics of ROS 2 as a source: what a launch file may say of one, and what is refused with its key.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
 use abbe_graph::launch::{Launch, NodeName};
 use std::path::Path;
 

@@ -1,14 +1,10 @@
 //! Evidence for lines from a serial port: half lines, garbage, other line ends, a port that is pulled out and comes back, one
 //! that is none. The ports are pseudo-terminals that the test makes, which the driver opens and sets like any other.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::bench;
 use abbe_graph::driver::{DriverConfig, DriverError, LinesConfig, ScaleDriver, open_scale};
 use abbe_graph::link::LinkState;
 use abbe_runtime::Shutdown;
-use common::bench;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{ControlModes, InputModes, LocalModes, tcgetattr};
 use std::fs::{self, File};

@@ -1,9 +1,6 @@
 //! Evidence for what the nodes compute: one output a reading, honest statuses, a monitor that notices.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
-mod common;
-
+use crate::common::{Bench, HASH, bench, monitor, other_bench};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, Shape, State};
 use abbe_geometry::error_function::FunctionKind;
@@ -25,7 +22,6 @@ use abbe_virtual_machine::machine::{Roughness, Term};
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::plan::{LineSelection, PlanRecipe};
 use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
-use common::{Bench, HASH, bench, monitor, other_bench};
 use std::sync::Arc;
 
 const OTHER_HASH: Sha256 = Sha256::from_bytes([4; 32]);

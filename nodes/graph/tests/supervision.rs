@@ -1,7 +1,5 @@
 //! What the launcher does with nodes that end, hang or will not stop; nodes here are small programs.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_graph::launch::NodeName;
 use abbe_graph::supervisor::{Stopped, Supervisor, SupervisorError};
 use abbe_runtime::{RunId, Shutdown};

@@ -1,17 +1,13 @@
 //! Evidence for the change of a model in a running node: no sample is lost, each is corrected by one whole model, and a
 //! file that cannot be used changes nothing.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
-mod common;
-
+use crate::common::{bench, other_bench, replace};
 use abbe_files::{FileError, ModelFile};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::feed::Feed;
 use abbe_graph::step::GeometricStep;
 use abbe_msgs::cdr;
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, Sha256};
-use common::{bench, other_bench, replace};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -2,11 +2,8 @@
 //!
 //! Each test adds steps to a page, which act as a user does and write what they saw; the browser hands the page back. Where
 //! there is no `chromium` the tests say that they were skipped, and with `ABBE_REQUIRE_PEERS=1` they fail.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // a test
 
-#[path = "common/mod.rs"]
-mod common;
-
+use crate::common;
 use abbe_report::*;
 use serde_json::{Value, json};
 use std::process::Command;

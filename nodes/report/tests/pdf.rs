@@ -2,11 +2,8 @@
 //!
 //! Programs of other people read it where they are there: `pdftotext` (Poppler) and `qpdf`. Without them the tests say that they
 //! were skipped, and with `ABBE_REQUIRE_PEERS=1` they fail.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // a test
 
-#[path = "common/mod.rs"]
-mod common;
-
+use crate::common;
 use abbe_report::*;
 use std::process::{Command, Output};
 

@@ -1,9 +1,6 @@
 //! What a report promises: self-contained, escaped, deterministic, never a number that is not finite.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
-
-mod common;
-
+use crate::common;
 use abbe_report::*;
 
 /// A report with one section.
