@@ -18,6 +18,9 @@ use std::collections::BTreeSet;
 
 /// Why what chance explains is not claimed.
 const BY_CHANCE: &str = "beside all else that was found, chance explains it";
+/// Blocks of which one less may be too few for a search: with three or four cycles of five targets, a table that is there has as many
+/// figures as readings that are left to tell its noise.
+const FEW: usize = 4;
 /// Why what does not predict is not claimed.
 const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 
@@ -90,6 +93,14 @@ pub(super) fn confirmed(
     let kept = Placed::around(study, &found.set, |study| {
         surely(study, &found.set, parts).or_else(|| likely(study, named, parts))
     });
+    let kept = match kept {
+        None => {
+            let chosen = Placed::around(study, &found.set, |study| chosen(study, &found.set, parts));
+            unseen.chosen_on_all = chosen.is_some();
+            chosen
+        }
+        kept => kept,
+    };
     let (set, judged) = kept.unwrap_or_else(|| (Vec::new(), (before, before, false)));
     let (kept, dropped): (Vec<usize>, Vec<usize>) = found.set.iter().partition(|k| set.contains(k));
     let names = dropped.iter().map(|k| study.candidates()[*k].name.clone()).collect();
@@ -112,6 +123,14 @@ impl Unconfirmed {
     pub(super) fn look(&self, is_alone: bool) -> Look {
         let (before_um, after_um) = self.rms_um;
         let beside = if is_alone { "" } else { " beside what is claimed" };
+        if before_um == after_um {
+            let says = format!(
+                "{} fits{beside}, but searches that do not see a block find none of it: too few blocks are left then, or it is no more \
+                 than chance",
+                self.names.join("; ")
+            );
+            return Look { what: "what the search found".to_owned(), says, is_noise: Some(false) };
+        }
         // A mean may come down by a few blocks, while others get worse.
         let predicts = if after_um < before_um { "predicts too few blocks to be believed" } else { "does not predict" };
         let says = format!(
@@ -132,6 +151,21 @@ fn surely(study: &mut dyn Study, set: &[usize], parts: &Parts) -> Option<Kept> {
     (1..set.len()).rev().find_map(|count| {
         let judged = parts.of(study, &set[..count], one_of_several)?;
         (judged.2 && judged.1.rms_um < judged.0.rms_um).then(|| (set[..count].to_vec(), judged))
+    })
+}
+
+/// Where a search without one of few blocks has too little left to find anything: the most of the first found that, fitted without each
+/// block, surely predicts it. Only forms that choose no period and no place: such a choice would have seen the block.
+fn chosen(study: &mut dyn Study, set: &[usize], parts: &Parts) -> Option<Kept> {
+    if parts.count() > FEW {
+        return None;
+    }
+    let is_free = |k: &usize| tried(&*study, *k) == 1 && study.frequency(*k).is_none();
+    let free: Vec<usize> = set.iter().copied().take_while(is_free).collect();
+    let one_of_several = 1.0 - (1.0 - SURE) / free.len().max(1) as f64;
+    (1..=free.len()).rev().find_map(|count| {
+        let judged = parts.of_chosen(study, &free[..count], one_of_several)?;
+        (judged.2 && judged.1.rms_um < judged.0.rms_um).then(|| (free[..count].to_vec(), judged))
     })
 }
 

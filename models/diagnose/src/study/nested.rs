@@ -120,6 +120,24 @@ impl Parts {
         (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
     }
 
+    /// Error before and after with a set that was chosen on all data, fitted without each part, and whether it comes down with this
+    /// probability; `None` where a part cannot be judged so.
+    pub(super) fn of_chosen(
+        &self,
+        study: &mut dyn Study,
+        set: &[usize],
+        probability: f64,
+    ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
+        let one = |part: &Part| self.judged(&mut self.view(study, part), set, &part.left_out).ok();
+        let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
+        (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
+    }
+
+    /// Parts that were left out in turn.
+    pub(super) fn count(&self) -> usize {
+        self.all.len()
+    }
+
     fn view<'a>(&self, study: &'a mut dyn Study, part: &Part) -> View<'a> {
         View::new(study, self.rows, |row| !part.left_out.contains(&row) && !part.rejected.contains(&row))
     }

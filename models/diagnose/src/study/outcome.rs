@@ -233,6 +233,8 @@ pub struct Unseen {
     pub not_judged: Vec<String>,
     /// Why there is no figure.
     pub missing_because: Option<String>,
+    /// Whether what was found was chosen on all blocks and only fitted without each, as there are too few for searches.
+    pub chosen_on_all: bool,
 }
 
 /// The diagnosis.

@@ -200,11 +200,13 @@ fn errors(judgement: &library::Judgement, unseen: Option<&library::HeldOutRms>) 
 
 fn held_out(diagnosis: &library::StudyDiagnosis) -> shown::HeldOut {
     let (blocks, unseen) = (&diagnosis.blocks, &diagnosis.unseen);
+    let what = match unseen.chosen_on_all {
+        false => "data that no step of the search saw",
+        true => "data that its fit did not see, while the search that chose what to fit did",
+    };
+    let each = format!("{} in {} parts, each block a {}", blocks.count, unseen.folds, blocks.what);
     shown::HeldOut {
-        blocks: format!(
-            "data that no step of the search saw ({} in {} parts, each block a {})",
-            blocks.count, unseen.folds, blocks.what
-        ),
+        blocks: format!("{what} ({each})"),
         missing_because: unseen.missing_because.clone(),
         not_judged: unseen.not_judged.clone(),
         found_by_part: unseen.found.clone(),
