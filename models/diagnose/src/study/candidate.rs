@@ -212,6 +212,11 @@ pub(crate) trait Study: Sync {
         None
     }
 
+    /// Frequencies of which the best is taken before it is adjusted; none where a candidate stays near its own, or has a band.
+    fn scan(&self, _candidate: usize) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// Takes note of other frequencies at which a candidate goes nearly as well.
     fn set_aliases(&mut self, _candidate: usize, _frequencies: Vec<f64>) {}
 

@@ -132,6 +132,7 @@ fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
             *own = k;
         }
     }
+    let chosen: Vec<usize> = best.values().map(|k| all[*k].candidate).collect();
     for k in best.into_values() {
         let candidate = all[k].candidate;
         view.refine(fit, candidate);
@@ -140,6 +141,8 @@ fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
         all[k].evidence = score.evidence(rows, tested) - 2.0 * tried.ln();
         all[k].score = Score { p_value: (score.p_value * tried).min(1.0), ..score };
     }
+    // Further waves of an axis wait until one of them is found: they would be the same.
+    all.retain(|own| chosen.contains(&own.candidate) || view.study.scan(own.candidate).is_empty());
     holm(&mut all, tested);
     all
 }

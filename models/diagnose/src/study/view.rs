@@ -17,6 +17,7 @@ use crate::linear::{Linear, column, joined, picked};
 use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
+use abbe_identify::in_parallel;
 use faer::Mat;
 use std::sync::Arc;
 
@@ -302,7 +303,7 @@ impl<'a> View<'a> {
         self.memory.forget_fit();
     }
 
-    /// The frequency of its band, or near its own, at which a candidate explains most of what a fit without it leaves.
+    /// The frequency of its band, of its scan, or near its own, at which a candidate explains most of what a fit without it leaves.
     pub(super) fn refine(&mut self, fit: &Fit, candidate: usize) {
         let Some((own, reach)) = self.study.frequency(candidate) else { return };
         let Some(chain) = self.chain_of(candidate) else { return };
@@ -313,7 +314,10 @@ impl<'a> View<'a> {
                 let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, rows));
                 score(&part.project(columns.as_ref()), part.chi2, part.degrees).reduction
             };
-            golden_section((own - reach, own + reach), explained)
+            let scan = self.study.scan(candidate);
+            let gains = in_parallel(&scan, |frequency| explained(*frequency));
+            let best = scan.into_iter().zip(gains).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(own, |(best, _)| best);
+            golden_section((best - reach, best + reach), explained)
         });
         self.set_frequency(candidate, frequency);
     }

@@ -24,6 +24,7 @@ mod registered;
 mod shape;
 mod step;
 mod turned;
+mod wave;
 
 use super::assemble;
 use super::outcome::StudyDiagnosis;

@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: between shapes, registered effects and the common search. Three whitened rows a vector.
 
+mod columns;
 mod proposed;
 mod unseen;
 
@@ -13,7 +14,8 @@ use super::quantities::{PLAUSIBLE_M, POSITION, TIME, quantities};
 use super::registered::{Logged, Nominal, Registered};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
-use super::{OF, ResidualVector, drift, model, order};
+use super::wave::Wave;
+use super::{OF, ResidualVector, model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
 use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, Open, PoseRows, Question, Study};
@@ -22,10 +24,10 @@ use crate::study::series::steps;
 use crate::study::smooth::legendre;
 use crate::study::step::{NO_PROPERTY, Step};
 use crate::study::told::Changed;
+use abbe_geometry::Axis;
 use abbe_geometry::effects::ShapeValue;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::unseen_expansion::UnseenExpansion;
-use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
 use std::collections::BTreeMap;
 
@@ -40,6 +42,8 @@ const IN_PAIRS: usize = 16;
 /// What a candidate is made of.
 enum Part {
     Registered(Registered),
+    /// A wave along an axis, of whatever period.
+    Wave(Wave),
     /// A scale or squareness of a plane.
     Named(Named),
     /// One component of the residual, with those parameters of the shape that nothing else names.
@@ -140,6 +144,7 @@ impl<'a> Vectors<'a> {
             forms: Forms::All,
         };
         study.add_registered()?;
+        study.add_waves()?;
         study.add_named(false);
         study.add_smooth();
         study.add_steps();
@@ -204,33 +209,9 @@ impl<'a> Vectors<'a> {
         (0..axis.index()).filter(|other| self.measured[*other]).count()
     }
 
-    /// Columns of a candidate that acts on one component, at these vectors; `None` for any other.
-    fn component_columns(&self, candidate: usize, vectors: &[usize]) -> Option<(Axis, Mat<f64>)> {
-        match &self.parts[candidate] {
-            Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
-            Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
-            Part::Registered(_) | Part::Named(_) | Part::Drift(_) => None,
-        }
-    }
-
-    fn step_columns(&self, axis: Axis, step: &Step, vectors: &[usize]) -> Mat<f64> {
-        let time_s = |k: &usize| self.vectors[*k].time_s.unwrap_or_default();
-        let rows: Vec<(f64, f64)> = vectors.iter().map(|k| (time_s(k), self.sigma_m[*k][axis.index()])).collect();
-        step.columns(&rows)
-    }
-
-    /// Components that a candidate may move.
-    fn moved(&self, candidate: usize) -> Vec<usize> {
-        match &self.parts[candidate] {
-            Part::Smooth(axis, _) | Part::Step(axis, _) => vec![axis.index()],
-            Part::Named(_) | Part::Registered(_) | Part::Drift(_) => (0..3).filter(|d| self.measured[*d]).collect(),
-        }
-    }
-
     /// What a wave may be between the lines of a grid.
     fn alias(&self, candidate: usize) -> Option<ModelTerm> {
-        let Part::Registered(own) = &self.parts[candidate] else { return None };
-        let axis = own.wave_along()?;
+        let Part::Wave(Wave { axis, .. }) = self.parts[candidate] else { return None };
         let less_m = self.offset_m()[axis.index()];
         let readings_m: Vec<f64> = self.vectors.iter().map(|vector| vector.position_m[axis.index()] - less_m).collect();
         model::alias(axis, &readings_m)
@@ -238,11 +219,6 @@ impl<'a> Vectors<'a> {
 
     fn time(&self) -> Option<(usize, &Quantity)> {
         self.quantities.iter().enumerate().find(|(_, quantity)| quantity.name == TIME)
-    }
-
-    fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
-        let arms_m = (0..self.vectors.len()).map(|k| self.poses.arm_m(self.vectors, k));
-        drift::columns(motions, functions, arms_m, &self.sigma_m)
     }
 
     /// What was wrong with the vectors given.
@@ -253,25 +229,6 @@ impl<'a> Vectors<'a> {
     /// Row of the file, from 1.
     pub(super) fn row_of_file(&self, k: usize) -> usize {
         self.rows_of_file[k] + 1
-    }
-
-    /// Columns of a shape at these vectors, a row each, over the standard uncertainty of the component.
-    fn smooth_columns(&self, axis: Axis, bent: &Bent, vectors: &[usize]) -> Mat<f64> {
-        let mut columns = bent.columns(&self.quantities, vectors);
-        let sigma_m: Vec<f64> = vectors.iter().map(|vector| self.sigma_m[*vector][axis.index()]).collect();
-        for j in 0..columns.ncols() {
-            columns.col_as_slice_mut(j).iter_mut().zip(&sigma_m).for_each(|(value, sigma_m)| *value /= sigma_m);
-        }
-        columns
-    }
-
-    /// Motion of one component by shift and turn of its pose.
-    fn rigid(&self, k: usize, component: usize) -> [f64; RIGID] {
-        let arm_m = self.poses.arm_m(self.vectors, k);
-        std::array::from_fn(|j| match j {
-            0..3 => f64::from(u8::from(j == component)),
-            _ => Vector3::ith(j - 3, 1.0).cross(&arm_m)[component],
-        })
     }
 }
 
@@ -325,7 +282,8 @@ impl Study for Vectors<'_> {
                         (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
                     }
                 }
-                (Part::Registered(_), None) | (Part::Smooth(..) | Part::Step(..) | Part::Drift(_), _) => {}
+                (Part::Registered(_), None)
+                | (Part::Smooth(..) | Part::Step(..) | Part::Wave(_) | Part::Drift(_), _) => {}
             }
         }
         columns
@@ -335,6 +293,38 @@ impl Study for Vectors<'_> {
         let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
         let (axis, columns) = self.component_columns(candidate, &vectors)?;
         Some((self.chain_of(axis), columns))
+    }
+
+    fn frequency(&self, candidate: usize) -> Option<(f64, f64)> {
+        let Part::Wave(wave) = &self.parts[candidate] else { return None };
+        Some(wave.frequency())
+    }
+
+    fn scan(&self, candidate: usize) -> Vec<f64> {
+        let Part::Wave(wave) = &self.parts[candidate] else { return Vec::new() };
+        wave.scan()
+    }
+
+    fn columns_at(&self, candidate: usize, frequency: f64, rows: &[usize]) -> Mat<f64> {
+        let Part::Wave(wave) = &self.parts[candidate] else { return Mat::zeros(0, 0) };
+        let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
+        self.wave_columns(&wave.at(frequency), &vectors)
+    }
+
+    fn set_frequency(&mut self, candidate: usize, frequency: f64) {
+        if let Part::Wave(wave) = &mut self.parts[candidate] {
+            *wave = wave.at(frequency);
+            self.candidates[candidate] = wave.candidate();
+        }
+    }
+
+    fn reset(&mut self) {
+        for (part, candidate) in self.parts.iter_mut().zip(&mut self.candidates) {
+            if let Part::Wave(wave) = part {
+                wave.reset();
+                *candidate = wave.candidate();
+            }
+        }
     }
 
     fn steps_after(&self, candidate: usize) -> Vec<usize> {
@@ -348,7 +338,11 @@ impl Study for Vectors<'_> {
     }
 
     fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
-        if self.places(candidate).is_empty() { 1.0 } else { self.steps.places.tried(places) }
+        match &self.parts[candidate] {
+            Part::Wave(wave) => wave.scan().len() as f64,
+            _ if self.places(candidate).is_empty() => 1.0,
+            _ => self.steps.places.tried(places),
+        }
     }
 
     fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
@@ -409,18 +403,18 @@ impl Study for Vectors<'_> {
             }
             Part::Registered(own) => own.shape.0.get("axis") == Some(&ShapeValue::Text(axis.lower().to_owned())),
             Part::Drift(drift) => drift.motion == Motion::Scale,
+            Part::Wave(wave) => wave.axis == *axis,
             Part::Named(_) | Part::Step(..) => false,
         }
     }
 
     fn offer(&mut self, forms: Forms) -> bool {
         self.forms = forms;
-        (0..self.candidates.len()).any(|k| !self.is_offered(k))
+        (0..self.candidates.len()).any(|k| !self.is_of_forms(k))
     }
 
     fn is_offered(&self, candidate: usize) -> bool {
-        !(self.forms == Forms::Straight
-            && matches!(&self.parts[candidate], Part::Smooth(_, bent) if !bent.shape.is_straight()))
+        self.is_next(candidate) && self.is_of_forms(candidate)
     }
 
     fn is_of_instrument(&self, candidate: usize) -> bool {
@@ -429,7 +423,7 @@ impl Study for Vectors<'_> {
             Part::Smooth(_, bent) => {
                 matches!(bent.shape, Shape::One { quantity, .. } if self.quantities[quantity].name == TIME)
             }
-            Part::Registered(_) | Part::Named(_) | Part::Step(..) => false,
+            Part::Registered(_) | Part::Wave(_) | Part::Named(_) | Part::Step(..) => false,
         }
     }
 
@@ -489,6 +483,7 @@ impl Study for Vectors<'_> {
             }
             Part::Step(..) => return Err(NO_PROPERTY.to_owned()),
             Part::Drift(_) => return Err(OF_THE_INSTRUMENT.to_owned()),
+            Part::Wave(wave) => wave.term(),
             Part::Registered(own) => {
                 let count = self.candidates[candidate].parameters.len();
                 let map = Mat::identity(count, count);

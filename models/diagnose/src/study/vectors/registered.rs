@@ -4,6 +4,7 @@
 //! moves only what a tracer reads cannot show here and is listed as untestable. SI.
 
 use super::ResidualVector;
+use super::wave::REGISTERED;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::study::candidate::Candidate;
@@ -14,14 +15,10 @@ use abbe_geometry::effects::{
     construct, tip_columns,
 };
 use abbe_geometry::machine::Machine;
-use abbe_geometry::{Axis, ErrorId, Vector3};
+use abbe_geometry::{ErrorId, Vector3};
 
 /// Effects that the look without candidates covers by other means.
-const LOOKED_FOR_OTHERWISE: [&str; 2] = ["axis_term", "empirical"];
-/// The effect whose shapes are a scan of periods.
-const SCANNED: &str = "periodic_scale";
-/// Cycles over the range of positions that are scanned, and their step.
-const CYCLES: (f64, f64, f64) = (2.0, 20.0, 0.25);
+const LOOKED_FOR_OTHERWISE: [&str; 3] = ["axis_term", "empirical", REGISTERED];
 
 /// Shapes for each that is proposed of a figure that can be refined.
 const FINER: i32 = 3;
@@ -35,17 +32,9 @@ pub(super) struct Registered {
 }
 
 impl Registered {
-    /// The axis along which it is a wave.
-    pub(super) fn wave_along(&self) -> Option<Axis> {
-        let ShapeValue::Text(axis) = self.shape.0.get("axis").filter(|_| self.effect.name() == SCANNED)? else {
-            return None;
-        };
-        Axis::from_lower(axis)
-    }
-
     /// Whether it reads the position and nothing else, and has a form of its own there.
     pub(super) fn is_of_position(&self) -> bool {
-        self.effect.name() != SCANNED && self.candidate.covariates.is_empty()
+        self.candidate.covariates.is_empty()
     }
 }
 
@@ -110,7 +99,7 @@ pub(super) fn registered(
     let offsets_m = [machine.default_offset_m.unwrap_or([0.0; 3])];
     let observed = Observed { machine, varying, stations: &stations, offsets_m: &offsets_m, time_s };
     for entry in REGISTRY.iter().filter(|entry| !LOOKED_FOR_OTHERWISE.contains(&entry.name)) {
-        let shapes = if entry.name == SCANNED { periods(vectors) } else { (entry.propose)(&observed) };
+        let shapes = (entry.propose)(&observed);
         let none = |needs: String| Untestable { name: entry.title.to_owned(), needs };
         if shapes.is_empty() {
             untestable.push(none(entry.needs.to_owned()));
@@ -160,21 +149,6 @@ fn moves_the_tip(
     Ok(false)
 }
 
-fn periods(vectors: &[ResidualVector]) -> Vec<Shape> {
-    let (first, last, step) = CYCLES;
-    let count = ((last - first) / step) as usize;
-    let mut shapes = Vec::new();
-    for axis in Axis::ALL {
-        let values: Vec<f64> = vectors.iter().map(|vector| vector.position_m[axis.index()]).collect();
-        let Some((low, high)) = crate::study::smooth::range(&values) else { continue };
-        // Beyond half as many cycles as there are positions along the axis nothing is resolved.
-        let most = crate::study::smooth::levels(&values) as f64 / 2.0;
-        let cycles = (0..=count).map(|k| first + step * k as f64).filter(|cycles| *cycles < most);
-        shapes.extend(cycles.map(|c| Shape::new().text("axis", axis.lower()).number("period_m", (high - low) / c)));
-    }
-    shapes
-}
-
 fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candidate {
     let text = |value: &ShapeValue| match value {
         ShapeValue::Text(text) => Some(text.clone()),
@@ -193,7 +167,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
         essential: effect.essential().to_vec(),
-        stands_apart: entry.name == SCANNED || effect.covariates().is_empty(),
+        stands_apart: effect.covariates().is_empty(),
         comes_first: false,
     }
 }

@@ -8,6 +8,7 @@ use super::super::plate::calibration_words;
 use super::super::quantities::{POSITION, TIME};
 use super::super::registered::registered;
 use super::super::shape::{Bent, Quantity, Shape};
+use super::super::wave::Wave;
 use super::{IN_PAIRS, PLAUSIBLE_M, Part, Vectors};
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
@@ -39,6 +40,14 @@ impl Vectors<'_> {
             self.parts.push(Part::Registered(effect));
         }
         self.untestable.extend(untestable);
+        Ok(())
+    }
+
+    pub(super) fn add_waves(&mut self) -> Result<(), DiagnoseError> {
+        for wave in Wave::all(self.vectors, self.measured, self.machine)? {
+            self.candidates.push(wave.candidate());
+            self.parts.push(Part::Wave(wave));
+        }
         Ok(())
     }
 

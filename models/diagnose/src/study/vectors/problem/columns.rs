@@ -1,0 +1,83 @@
+//! Columns of candidates, each over the standard uncertainty of the component that it moves.
+//!
+//! Place in the flow: the study of vectors asks here what a part does at its vectors; what moves several components goes through
+//! [`crate::study::candidate::Study::columns`]. m.
+
+use super::super::drift::{self, Motion};
+use super::super::plate::RIGID;
+use super::super::shape::Bent;
+use super::super::wave::Wave;
+use super::{Part, Vectors};
+use crate::study::candidate::Forms;
+use crate::study::step::Step;
+use abbe_geometry::{Axis, Vector3};
+use faer::Mat;
+
+impl Vectors<'_> {
+    /// Columns of a candidate that acts on one component, at these vectors; `None` for any other.
+    pub(super) fn component_columns(&self, candidate: usize, vectors: &[usize]) -> Option<(Axis, Mat<f64>)> {
+        match &self.parts[candidate] {
+            Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
+            Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
+            Part::Wave(wave) => Some((wave.axis, self.wave_columns(wave, vectors))),
+            Part::Registered(_) | Part::Named(_) | Part::Drift(_) => None,
+        }
+    }
+
+    /// Whether a candidate is of the forms that a search is offered.
+    pub(super) fn is_of_forms(&self, candidate: usize) -> bool {
+        let is_bent = |bent: &Bent| !bent.shape.is_straight();
+        !(self.forms == Forms::Straight && matches!(&self.parts[candidate], Part::Smooth(_, bent) if is_bent(bent)))
+    }
+
+    /// Whether no wave of the same axis before this one is still to be set: it would be the same.
+    pub(super) fn is_next(&self, candidate: usize) -> bool {
+        let Part::Wave(own) = &self.parts[candidate] else { return true };
+        let is_open = |part: &Part| matches!(part, Part::Wave(wave) if wave.axis == own.axis && !wave.is_set());
+        own.is_set() || !self.parts[..candidate].iter().any(is_open)
+    }
+
+    pub(super) fn wave_columns(&self, wave: &Wave, vectors: &[usize]) -> Mat<f64> {
+        let d = wave.axis.index();
+        wave.columns(vectors.iter().map(|k| (self.vectors[*k].position_m[d], self.sigma_m[*k][d])))
+    }
+
+    pub(super) fn step_columns(&self, axis: Axis, step: &Step, vectors: &[usize]) -> Mat<f64> {
+        let time_s = |k: &usize| self.vectors[*k].time_s.unwrap_or_default();
+        let rows: Vec<(f64, f64)> = vectors.iter().map(|k| (time_s(k), self.sigma_m[*k][axis.index()])).collect();
+        step.columns(&rows)
+    }
+
+    /// Columns of a shape at these vectors, a row each, over the standard uncertainty of the component.
+    pub(super) fn smooth_columns(&self, axis: Axis, bent: &Bent, vectors: &[usize]) -> Mat<f64> {
+        let mut columns = bent.columns(&self.quantities, vectors);
+        let sigma_m: Vec<f64> = vectors.iter().map(|vector| self.sigma_m[*vector][axis.index()]).collect();
+        for j in 0..columns.ncols() {
+            columns.col_as_slice_mut(j).iter_mut().zip(&sigma_m).for_each(|(value, sigma_m)| *value /= sigma_m);
+        }
+        columns
+    }
+
+    pub(super) fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
+        let arms_m = (0..self.vectors.len()).map(|k| self.poses.arm_m(self.vectors, k));
+        drift::columns(motions, functions, arms_m, &self.sigma_m)
+    }
+
+    /// Components that a candidate may move.
+    pub(super) fn moved(&self, candidate: usize) -> Vec<usize> {
+        match &self.parts[candidate] {
+            Part::Smooth(axis, _) | Part::Step(axis, _) => vec![axis.index()],
+            Part::Wave(wave) => vec![wave.axis.index()],
+            Part::Named(_) | Part::Registered(_) | Part::Drift(_) => (0..3).filter(|d| self.measured[*d]).collect(),
+        }
+    }
+
+    /// Motion of one component by shift and turn of its pose.
+    pub(super) fn rigid(&self, k: usize, component: usize) -> [f64; RIGID] {
+        let arm_m = self.poses.arm_m(self.vectors, k);
+        std::array::from_fn(|j| match j {
+            0..3 => f64::from(u8::from(j == component)),
+            _ => Vector3::ith(j - 3, 1.0).cross(&arm_m)[component],
+        })
+    }
+}
