@@ -121,18 +121,30 @@ pub(super) fn looks(
 }
 
 fn outlying(study: &dyn Study, gross: &Outliers) -> Look {
-    let names: Vec<String> = gross.rejected.iter().take(NAMED).map(|r| study.row_name(r.row)).collect();
-    let more = gross.rejected.len().saturating_sub(NAMED);
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    let mut says = match names.len() {
-        _ if study.chains().is_empty() => "not looked for in data of this kind".to_owned(),
-        0 => "no row stands apart".to_owned(),
-        _ => format!("rejected as gross errors: {}{more}", names.join("; ")),
+    let named = |rows: &[usize]| {
+        let names: Vec<String> = rows.iter().take(NAMED).map(|row| study.row_name(*row)).collect();
+        let more = rows.len().saturating_sub(NAMED);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        format!("{}{more}", names.join("; "))
     };
-    for (of, count) in &gross.too_many {
-        says = format!("{says}; {count} rows of {of} stand apart, too many to be accidents: none of them was rejected");
+    let rejected: Vec<usize> = gross.rejected.iter().map(|rejected| rejected.row).collect();
+    let mut says: Vec<String> = Vec::new();
+    if !rejected.is_empty() {
+        says.push(format!("rejected as gross errors: {}", named(&rejected)));
     }
-    Look { what: "outliers".to_owned(), says, is_noise: Some(gross.too_many.is_empty()) }
+    says.extend(gross.too_many.iter().map(|(of, rows)| {
+        format!(
+            "{} rows of {of} stand apart, too many to be accidents, and none of them was rejected: {}",
+            rows.len(),
+            named(rows)
+        )
+    }));
+    if says.is_empty() {
+        let words =
+            if study.chains().is_empty() { "not looked for in data of this kind" } else { "no row stands apart" };
+        says.push(words.to_owned());
+    }
+    Look { what: "outliers".to_owned(), says: says.join("; "), is_noise: Some(gross.too_many.is_empty()) }
 }
 
 fn order(chain: &Kept) -> Look {

@@ -47,8 +47,8 @@ pub(super) struct Rejected {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Outliers {
     pub(super) rejected: Vec<Rejected>,
-    /// Chains in which too many rows stand apart to be accidents, with their number.
-    pub(super) too_many: Vec<(String, usize)>,
+    /// Chains in which too many rows stand apart to be accidents, with these rows of the study.
+    pub(super) too_many: Vec<(String, Vec<usize>)>,
 }
 
 impl Outliers {
@@ -81,7 +81,7 @@ pub(super) fn outliers(
     };
     for (chain, (rows, apart)) in study.chains().iter().zip(in_parallel(study.chains(), of_chain)) {
         if apart.len() > ALWAYS.max((SHARE * rows.len() as f64) as usize) {
-            found.too_many.push((chain.of.clone(), apart.len()));
+            found.too_many.push((chain.of.clone(), apart.iter().map(|(i, ..)| chain.rows[rows[*i]]).collect()));
             continue;
         }
         found.rejected.extend(apart.into_iter().map(|(i, residual, deviations)| Rejected {
