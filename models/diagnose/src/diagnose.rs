@@ -18,6 +18,7 @@ use crate::implausible;
 use crate::judge::{self, Blocked, Unseen};
 use crate::kind;
 use crate::lags::with_lags;
+use crate::late::Late;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
@@ -98,7 +99,8 @@ pub fn diagnose(
         }
     }
     state.fit.model = ended.told.clone();
-    let Ended { machine_step, wander, zeros, left: detection_after, kinds, without, competing, model, .. } = ended;
+    let Ended { machine_step, wander, zeros, late, left: detection_after, kinds, without, competing, model, .. } =
+        ended;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
@@ -116,7 +118,8 @@ pub fn diagnose(
     let hangs_together = state.fit.correlation.is_some();
     let nothing = found.is_empty() && judged.not_adopted.is_none();
     let quiet = nothing && !structured && machine_step.is_none() && wander.is_none();
-    next_measurements.splice(0..0, machine_step.iter().map(|_| AFTER_A_STEP.to_owned()));
+    let first = machine_step.iter().map(|_| AFTER_A_STEP.to_owned()).chain(late.as_ref().map(Late::next));
+    next_measurements.splice(0..0, first);
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
         // What was significant and stays out is no noise either; in correlated noise, it was significant for white noise.
@@ -144,6 +147,7 @@ pub fn diagnose(
         enriched,
         machine_step,
         wander,
+        late,
         clock,
         set_aside,
         not_adopted: judged.not_adopted,
@@ -161,6 +165,7 @@ struct Ended<'a> {
     machine_step: Option<MachineStep>,
     wander: Option<Wander>,
     zeros: Vec<ZeroOfScale>,
+    late: Option<Late>,
     /// What the residual says beside all that was found.
     left: noise::Detection,
     /// What was found, each a cause or a description.
@@ -192,12 +197,15 @@ impl<'a> Ended<'a> {
             None => wandering(search, state, base, observe)?,
         };
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
+        let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
+        let found = state.fit.model.parts().effects.iter().filter(|fitted| is_found(fitted));
+        let late = Late::of(found, &state.round, campaign)?;
         let widened = |model: MachineModel| {
             let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
             let model = state.open_waves.iter().try_fold(model, |model, wave| wave.told(model))?;
-            zeros.iter().try_fold(model, |model, zero| zero.told(model))
+            let model = zeros.iter().try_fold(model, |model, zero| zero.told(model))?;
+            late.as_ref().map_or(Ok(model.clone()), |late| late.told(model))
         };
-        let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
         let left = noise::detect(&state.round, campaign, &state.fit.evidence);
         let without = competing::without_each(search, state, base, observe)?;
         let sized = widened(state.fit.model.clone()).map_err(IdentifyError::from)?;
@@ -227,7 +235,7 @@ impl<'a> Ended<'a> {
         let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
         let model = averaged.without(|fitted| is_found(fitted) && tomorrow::is_course(fitted, campaign));
         let model = model.map_err(IdentifyError::from)?;
-        Ok(Ended { machine_step, wander, zeros, left, kinds, told, stands_alone, without, competing, model })
+        Ok(Ended { machine_step, wander, zeros, late, left, kinds, told, stands_alone, without, competing, model })
     }
 
     /// The model as it is weighed against another: the path of the machine's zero that may stand behind stands that move is a rigid motion of all

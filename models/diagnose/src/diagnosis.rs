@@ -6,6 +6,7 @@ use crate::clock::ClockShift;
 use crate::explanation::Explanation;
 use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
+use crate::late::Late;
 use crate::machine_step::MachineStep;
 use crate::noise::Detection;
 use crate::wander::Wander;
@@ -42,6 +43,8 @@ pub struct Diagnosis {
     pub machine_step: Option<MachineStep>,
     /// Slow changes of the machine or its stations, each too small to be named.
     pub wander: Option<Wander>,
+    /// What the last lines are off by, after which nothing was measured.
+    pub late: Option<Late>,
     /// A log that goes by another clock than the readings: what follows it was set aside.
     pub clock: Option<ClockShift>,
     /// Candidates that explain the residual but stay out, each with the reason.

@@ -205,7 +205,8 @@ fn settled(from_rad: f64, m: &Moment) -> Vector {
 }
 
 /// A machine that is another one from an instant on, as `step-KIND:SIZE` (µm or µrad); a squareness that settles, by 14 µrad or
-/// `settles:SIZE`; a column that leans in cycles, as `lean-cycle:PERIOD` (s).
+/// `settles:SIZE`; a column that leans in cycles, as `lean-cycle:PERIOD` (s);
+/// a scale of Z that slips, as `slip:SIZE@INSTANT` (µm/m, s).
 fn step(form: &str, m: &Moment) -> Vector {
     if form == "squareness-settles" {
         return settled(14e-6, m);
@@ -216,6 +217,10 @@ fn step(form: &str, m: &Moment) -> Vector {
     if let Some(period) = form.strip_prefix("lean-cycle:") {
         let course = (TAU * m.time_s / period.parse::<f64>().unwrap()).sin();
         return [2e-6 * m.share[2] * course, 0.0, 0.0];
+    }
+    if let Some((size, at_s)) = form.strip_prefix("slip:").and_then(|form| form.split_once('@')) {
+        let slipped = m.time_s >= at_s.parse::<f64>().unwrap();
+        return [0.0, 0.0, if slipped { size.parse::<f64>().unwrap() * 1e-6 * m.reading_m[2] } else { 0.0 }];
     }
     let Some((kind, size)) = form.strip_prefix("step-").and_then(|form| form.split_once(':')) else { return [0.0; 3] };
     if m.time_s < STEPS_AT_S {

@@ -10,7 +10,7 @@ use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
 use abbe_diagnose::{
-    ClockShift, Departure, DiagnoseOptions, Diagnosis, MachineStep, Progress, Wander, diagnose, mended,
+    ClockShift, Departure, DiagnoseOptions, Diagnosis, Late, MachineStep, Progress, Wander, diagnose, mended,
 };
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
@@ -129,6 +129,11 @@ fn wandered(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.wander.as_ref().map(Wander::words)
 }
 
+/// That the last lines are off, and nothing was measured after them.
+fn late(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.late.as_ref().map(Late::words)
+}
+
 /// That the machine is another one than the model says: the fit that a diagnosis begins with is a new one, and fits whatever somebody ran into.
 fn is_another(departure: &Departure) -> String {
     format!(
@@ -209,7 +214,7 @@ pub(crate) fn run(
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
     let changed: Vec<String> =
-        [stepped, out_of_time, wandered].into_iter().filter_map(|said| said(&diagnosis)).collect();
+        [stepped, out_of_time, wandered, late].into_iter().filter_map(|said| said(&diagnosis)).collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
@@ -330,7 +335,14 @@ fn recorded(
     // Where something was found, the note has to do.
     let is_quiet = diagnosis.consistent_with_noise || diagnosis.only_correlated;
     let hidden = is_quiet.then(|| hidden(&diagnosis.model)).flatten();
-    let sentences = [stepped(diagnosis), out_of_time(diagnosis), Some(record.words()), hidden, wandered(diagnosis)];
+    let sentences = [
+        stepped(diagnosis),
+        out_of_time(diagnosis),
+        Some(record.words()),
+        hidden,
+        wandered(diagnosis),
+        late(diagnosis),
+    ];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
     record
 }
