@@ -1,7 +1,5 @@
 //! The page of a diagnosis: once what is one, in words, with digits that the numbers beside allow, and its limits in few lines.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
-
 use abbe_report::diagnosis::*;
 use std::collections::BTreeMap;
 
@@ -185,4 +183,55 @@ fn regress_finer_error_functions_beside_what_was_set_aside_do_not_say_that_nothi
     let words = Record { set_aside: vec![jump], ..finer() }.words();
     assert!(words.starts_with("No effect was adopted. Set aside"), "{words}");
     assert!(words.contains("geometry, unless it is what was set aside"), "{words}");
+}
+
+/// A sine and a cosine are the model's parameters; a reader asks for the period and the height of the wave.
+#[test]
+fn regress_a_wave_is_said_with_its_period_and_amplitude() {
+    let parameter = |name: &str, value: f64| Parameter {
+        name: name.into(),
+        value: Some(value),
+        unit: "m".into(),
+        u: Some(2e-8),
+        plausible: Some(2e-5),
+        is_plausible: true,
+    };
+    let wave = Effect {
+        kind: "attributed".into(),
+        shape: BTreeMap::from([("axis".to_owned(), "x".into()), ("period_m".to_owned(), 0.007_297.into())]),
+        parameters: vec![parameter("sine", 1e-6), parameter("cosine", -2e-6)],
+        size_um: Some(0.9),
+        ..effect("periodic scale error")
+    };
+    // 2.236 = the root of 1² + 2²; equal uncertainties stay what they are.
+    let said = "periodic scale error of X, period 7.30 mm, amplitude 2.236 ± 0.020 µm (k = 1)";
+    let words = Record { enriched: true, effects: vec![wave.clone()], ..Record::default() }.words();
+    assert!(words.contains(said), "{words}");
+    let unlike = Effect { parameters: vec![parameter("bow", 1e-6), parameter("cosine", -2e-6)], ..wave };
+    assert_eq!((unlike.amplitude(), unlike.label().as_str()), (None, "periodic scale error of X, period 7.30 mm"));
+}
+
+/// "The model lacks: A" where B and C together weigh more than A names a cause that is probably not it.
+#[test]
+fn regress_the_first_sentence_names_what_is_hardly_less_likely() {
+    let other = |sensor: &str, share: f64| Averaged {
+        name: "scale_expansion".into(),
+        title: "expansion".into(),
+        shape: BTreeMap::from([("axis".to_owned(), "x".into()), ("sensor".to_owned(), sensor.into())]),
+        share: Some(share),
+    };
+    let found = Effect {
+        shape: other("temp_scale_x_c", 0.0).shape,
+        // Weights 1, 0.8, 0.5 and 0.2: their sum is 2.5.
+        averaged_with: vec![other("temp_air_c", 0.32), other("temp_granite_c", 0.2), other("temp_ram_c", 0.08)],
+        kind: "attributed".into(),
+        ..effect("expansion")
+    };
+    let words = Record { enriched: true, effects: vec![found.clone()], ..Record::default() }.words();
+    let said = "The model lacks: expansion of X by temp_scale_x_c (43 %, or expansion of X by temp_air_c 35 %, or expansion of X by \
+                temp_granite_c 22 %).";
+    assert!(words.starts_with(said), "{words}");
+    let sure = Effect { averaged_with: vec![other("temp_air_c", 0.1)], ..found };
+    let words = Record { enriched: true, effects: vec![sure], ..Record::default() }.words();
+    assert!(words.starts_with("The model lacks: expansion of X by temp_scale_x_c."), "{words}");
 }

@@ -103,7 +103,7 @@ fn describe(text: &mut String, effect: &Effect) {
     };
     let alias = share(effect.alias_share);
     let _ = writeln!(text, "  {} [{}]: p {p}, share absorbed by the model {alias}", effect.label(), effect.kind);
-    for parameter in &effect.parameters {
+    for parameter in effect.parameters.iter().chain(effect.amplitude().as_ref()) {
         if is_held_already(parameter) {
             let _ = writeln!(text, "    {:<18} {HELD_ALREADY}", parameter.name);
             continue;

@@ -487,6 +487,27 @@ impl Effect {
         }
     }
 
+    /// Amplitude of a wave that has a sine and a cosine, as a parameter; its u takes these as independent.
+    pub fn amplitude(&self) -> Option<Parameter> {
+        let [sine, cosine] = self.parameters.as_slice() else { return None };
+        if (sine.name.as_str(), cosine.name.as_str()) != ("sine", "cosine") {
+            return None;
+        }
+        let ((a, ua), (b, ub)) = ((sine.value?, sine.u?), (cosine.value?, cosine.u?));
+        let value = a.hypot(b);
+        let u = (a * ua).hypot(b * ub) / value;
+        let name = "amplitude".to_owned();
+        u.is_finite().then(|| Parameter { name, value: Some(value), u: Some(u), plausible: None, ..sine.clone() })
+    }
+
+    /// Period of a wave of an axis, and where on its axis it is, of what is in one place.
+    fn along(&self) -> String {
+        let period_mm = self.shape.get("period_m").and_then(Value::as_f64).map(|m| 1e3 * m);
+        let period = period_mm.map(|mm| format!(", period {} mm", significant(mm, 3)));
+        let place = self.place().map(|place| format!(" {place}"));
+        [period, place].into_iter().flatten().collect()
+    }
+
     /// Where on its axis it is, of what is in one place.
     fn place(&self) -> Option<String> {
         places_mm(&self.shape).map(|[(_, from), (_, to)]| format!("between {from} and {to} mm"))
@@ -495,10 +516,7 @@ impl Effect {
     fn about(&self) -> String {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         match (text("axis"), text("carriage"), text("line")) {
-            (Some(axis), ..) => {
-                let place = self.place().map_or_else(String::new, |place| format!(" {place}"));
-                format!("{} of {}{place}", self.title, axis.to_uppercase())
-            }
+            (Some(axis), ..) => format!("{} of {}{}", self.title, axis.to_uppercase(), self.along()),
             (None, Some(carriage), _) => {
                 let carrying = text("carrying").unwrap_or("?");
                 format!("{}, {} on {}", self.title, carriage.to_uppercase(), carrying.to_uppercase())

@@ -3,11 +3,13 @@
 //! Place in the flow: first sentence of report, JSON and terminal. It never looks at verification points: they score.
 
 use super::readable;
-use super::record::{Effect, ErrorFigures, Record};
+use super::record::{Averaged, Effect, ErrorFigures, Record};
 use crate::text::{fixed, listed, significant};
 
 /// Candidates set aside that are named at most.
 const SET_ASIDE: usize = 3;
+/// Odds against the effect found from which the first sentence names what may stand in its place: one to three.
+const NEARLY_AS_LIKELY: f64 = 1.0 / 3.0;
 /// Probability below which scatter is not what was declared.
 const UNDECLARED: f64 = 1e-4;
 
@@ -74,7 +76,10 @@ impl Record {
 
     fn finding(&self) -> String {
         if !self.effects.is_empty() {
-            let list: Vec<String> = self.effects.iter().map(named).collect();
+            let held = self.effects.iter().flat_map(|effect| &effect.averaged_with).filter_map(|other| other.share);
+            let own_share = 1.0 - held.sum::<f64>();
+            let list: Vec<String> =
+                self.effects.iter().map(|effect| named(effect) + &or_else(effect, own_share)).collect();
             return format!("The model lacks: {}.", list.join("; "));
         }
         if self.enriched {
@@ -86,7 +91,16 @@ impl Record {
         let found = &self.detection.before;
         match found.p_declared.filter(|p_value| *p_value < UNDECLARED).and(found.chi2_per_dof) {
             None if self.consistent_with_noise => {
-                return "Consistent with noise: nothing is missing that these data can show.".to_owned();
+                // Without a noise of its own to be held against, what is left may be anything without the forms that were looked for.
+                let is_known = found.p_declared.or(found.chi2_per_dof).is_some() || found.lack_of_fit.is_some();
+                return match found.rms_um.filter(|_| !is_known) {
+                    None => "Consistent with noise: nothing is missing that these data can show.".to_owned(),
+                    Some(rms_um) => format!(
+                        "Nothing that was looked for shows. Whether the {} µm rms that are left are noise, these data cannot tell: no \
+                         uncertainties are declared, and nothing was measured twice.",
+                        significant(rms_um, 3)
+                    ),
+                };
             }
             Some(chi2_per_dof) if self.consistent_with_noise => {
                 let (size, cause) = match chi2_per_dof > 1.0 {
@@ -154,7 +168,7 @@ fn interval(figures: &ErrorFigures) -> String {
     }
 }
 
-/// An effect with its first parameter.
+/// An effect with its parameter, or the amplitude of its wave; of what has more, with what it does to the readings.
 fn named(effect: &Effect) -> String {
     let label = match (effect.kind == "empirical", effect.corrects) {
         (true, true) => format!("{} (not explained)", effect.label()),
@@ -166,19 +180,51 @@ fn named(effect: &Effect) -> String {
         }
         (false, _) => effect.label(),
     };
-    let [parameter] = effect.parameters.as_slice() else {
-        return match effect.size_um {
-            Some(size_um) => format!("{label}, {} µm rms in the readings", significant(size_um, 2)),
-            None => label,
-        };
+    let amplitude = effect.amplitude();
+    let (parameter, what) = match (effect.parameters.as_slice(), &amplitude) {
+        ([parameter], _) => (parameter, String::new()),
+        (_, Some(amplitude)) => (amplitude, format!("{} ", amplitude.name)),
+        _ => {
+            return match effect.size_um {
+                Some(size_um) => format!("{label}, {} µm rms in the readings", significant(size_um, 2)),
+                None => label,
+            };
+        }
     };
     match readable(parameter) {
         (Some(value), Some(u), _, unit, decimals) => {
             let open = if value.abs() < 2.0 * u { ", not told from zero" } else { "" };
-            format!("{label}, {} ± {} {unit} (k = 1){open}", fixed(value, decimals), fixed(u, decimals))
+            format!("{label}, {what}{} ± {} {unit} (k = 1){open}", fixed(value, decimals), fixed(u, decimals))
         }
         _ => label,
     }
+}
+
+/// The other explanation as an effect of its own, for its name.
+fn in_place_of(effect: &Effect, other: &Averaged) -> Effect {
+    let title = if other.title.is_empty() { other.name.clone() } else { other.title.clone() };
+    Effect { name: other.name.clone(), title, shape: other.shape.clone(), covariates: Vec::new(), ..effect.clone() }
+}
+
+/// What is hardly less likely in the place of an effect that has this share of the mean, with the odds; nothing where there is nothing.
+fn or_else(effect: &Effect, own_share: f64) -> String {
+    let odds = |other: &Averaged| other.share.map(|share| share / own_share);
+    let near: Vec<(&Averaged, f64)> = effect
+        .averaged_with
+        .iter()
+        .filter_map(|other| Some((other, odds(other)?)))
+        .filter(|(_, odds)| *odds >= NEARLY_AS_LIKELY)
+        .collect();
+    if near.is_empty() {
+        return String::new();
+    }
+    let whole = 1.0 + near.iter().map(|(_, odds)| odds).sum::<f64>();
+    let percent = |odds: f64| fixed(100.0 * odds / whole, 0);
+    let others: Vec<String> = near
+        .iter()
+        .map(|(other, odds)| format!("{} {} %", in_place_of(effect, other).label(), percent(*odds)))
+        .collect();
+    format!(" ({} %, or {})", percent(1.0), others.join(", or "))
 }
 
 /// A share absorbed, in words.
@@ -229,6 +275,17 @@ mod tests {
         let html = page(&clean);
         assert!(html.contains("Is it noise?") && html.contains("Found: something that noise does not have"));
         assert!(!html.contains("no figure that tells a residual from noise"));
+    }
+
+    /// A clean sine of 4 µm at points measured once was "consistent with noise", which nobody had told.
+    #[test]
+    fn regress_scatter_that_nothing_is_held_against_is_not_called_noise() {
+        let mut clean = Record { consistent_with_noise: true, ..record() };
+        clean.detection.before.rms_um = Some(4.127);
+        let says = clean.words();
+        assert!(says.starts_with("Nothing that was looked for shows. Whether the 4.13 µm rms"), "{says}");
+        clean.detection.before.chi2_per_dof = Some(1.01);
+        assert!(clean.words().starts_with("Consistent with noise"), "{}", clean.words());
     }
 
     /// Three decimals at 40 µm are digits that nobody measured.
