@@ -52,6 +52,8 @@ pub struct Judgement {
     pub kept: Vec<usize>,
     /// By component, scatter of the vectors over the uncertainty that they declare, where it is more than one and a half.
     pub contradicted: [Option<f64>; 3],
+    /// By component, what the vectors scatter by that declare no uncertainty, and what is taken for noise of theirs (m, k = 1).
+    pub taken_for_noise_m: Option<Vector3<f64>>,
     /// By component, by how much u was widened beyond what covariance and scatter make it, at least 1.
     pub widening: Vector3<f64>,
 }
@@ -88,7 +90,9 @@ fn held(samples: &Samples, options: &KrigingOptions) -> Result<(Averaged, Judgem
             check_share(&guilty, all.len())?;
             let contradicted = contradicted(&part, &fit);
             let widening = fit.widening();
-            return Ok((fit, Judgement { left_out: guilty, kept, contradicted, widening }));
+            let undeclared = !options.noise.is_declared() || part.u_m().is_none();
+            let taken_for_noise_m = undeclared.then(|| fit.noise_variance_m2().map(f64::sqrt));
+            return Ok((fit, Judgement { left_out: guilty, kept, contradicted, taken_for_noise_m, widening }));
         }
         accused = guilty.iter().map(|one| one.index).collect();
     }

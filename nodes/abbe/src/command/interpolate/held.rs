@@ -9,6 +9,7 @@ use crate::plane_field::PlaneField;
 use abbe_field::MeasuredField;
 use abbe_field::kriging::{AveragedKriging, Judgement, KrigingError, KrigingOptions, LeftOut, judge};
 use abbe_geometry::Axis;
+use abbe_report::digits;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -82,6 +83,15 @@ fn held(path: &Path, read: &PlaneField, kriging: AveragedKriging, judgement: &Ju
             contradicted.join(", ")
         ));
     }
+    if let Some(noise_m) = judgement.taken_for_noise_m {
+        let of = |axis: &Axis| format!("{} {} um", axis.lower(), digits::result(noise_m[axis.index()] * UM));
+        let noise: Vec<String> = axes.iter().map(of).collect();
+        warnings.push(format!(
+            "{file}: no uncertainty u is declared. What neighbouring vectors differ by ({}, k = 1) is taken for noise of theirs, and u of the answers is \
+             without it; as far as it is an error that changes between them, u is too small. Declare u_x_um, u_y_um and u_z_um, and u holds what is more than that",
+            noise.join(", ")
+        ));
+    }
     if judgement.kept.len() < FEW {
         warnings.push(format!(
             "{file}: {} vectors are few: u rests on the assumption that errors change smoothly over about a third of the \
@@ -95,6 +105,7 @@ fn held(path: &Path, read: &PlaneField, kriging: AveragedKriging, judgement: &Ju
     };
     let scatter = json!({
         "over_declared_u": of_axes(&|d| judgement.contradicted[d].map_or(Value::Null, Value::from)),
+        "taken_for_noise_um": of_axes(&|d| judgement.taken_for_noise_m.map_or(Value::Null, |m| (m[d] * UM).into())),
         "u_widened_by": of_axes(&|d| judgement.widening[d].into()),
     });
     let field = read.field.part(&judgement.kept).with_context(|| file.to_string())?;
