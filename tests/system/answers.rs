@@ -173,7 +173,7 @@ fn pages_of_verified_and_corrected_points_say_what_they_were_made_from() {
     .ok();
     assert!(bench.read("again.csv") == bench.read("corrected.csv"));
     let [verified, corrected] = ["verify.html", "corrected.html"].map(|name| bench.read(name));
-    assert_says(&verified, &["<code>abbe correct --model model.json --in READINGS.csv"]);
+    assert_says(&verified, &["<code>abbe correct --model …/model.json --in READINGS.csv"]);
     assert_says(
         &corrected,
         &["Corrected coordinates of bridge_xyz", "400 rows of verify.csv", "of 400; 0 rejected", "A.Person"],

@@ -202,7 +202,7 @@ fn vectors_of_a_plate_are_interpolated_in_its_plane_and_nowhere_else() {
     assert_names_who(&page);
     assert_says(
         &page,
-        &["These data speak for", "Errors on data held out", "abbe train --residuals two.csv", "SHA-256"],
+        &["These data speak for", "Errors on data held out", "abbe train --residuals …/two.csv", "SHA-256"],
     );
     assert_says(&compared, &["in a plane across Z (component z was not measured)", "kriging"]);
     follows(folder.path(), &compared, "train");

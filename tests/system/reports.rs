@@ -311,7 +311,7 @@ fn the_page_of_an_identification_shows_the_fit_and_misses_no_verification() {
             "The 21 errors",
             "Identified stations",
             sha256,
-            "abbe verify --model again.json",
+            "abbe verify --model …/again.json",
         ],
     );
     for absent in ["Error before and after", "no verification points", "Duration", "Live"] {
@@ -362,7 +362,7 @@ fn runs_say_their_day_and_their_temperatures() {
 }
 
 #[test]
-fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
+fn a_report_says_the_command_that_the_terminal_says_without_folders_of_this_machine() {
     let bench = Bench::new();
     let out = text(&bench.at("out"));
     let said = bench.conformity("--out {}/out").ok();
@@ -372,7 +372,7 @@ fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
     );
     let html = fs::read_to_string(bench.at("out/report.html")).unwrap();
     let next = "<b>Next</b>, to hold the figures against a limit:</p>\n\
-         <pre><code>abbe conformity --lengths lengths.csv --probing bidirectional --mpe &#39;A+L/K&#39;</code></pre>";
+         <pre><code>abbe conformity --lengths …/lengths.csv --probing bidirectional --mpe &#39;A+L/K&#39;</code></pre>";
     assert_says(&html, &[next]);
     assert!(!html.contains(&text(bench.0.path())), "no folder of somebody's machine");
     // After the figures and what limits them, before the first picture.

@@ -1,7 +1,8 @@
 //! The next command: the one that follows from an answer, said right after it, on the terminal and in the report.
 //!
 //! Place in the flow: every command that ends with a result makes one. The terminal shows paths as they were given, ready to be
-//! run; a report names files only, since it is read elsewhere. What the program cannot know stands in capitals.
+//! run. So does a report, but of folders of this machine, which mean nothing where it is read, it leaves out which: a bare name
+//! would be taken for another file of that name. What the program cannot know stands in capitals.
 
 use abbe_report::NextStep;
 use std::path::{Path, PathBuf};
@@ -59,10 +60,16 @@ impl Next {
         self.words.iter().map(word).collect::<Vec<_>>().join(" ")
     }
 
-    /// For a report: files by their names.
+    /// For a report: paths as they were given, of whole ones the end.
     pub fn step(&self) -> NextStep {
-        let name = |path: &Path| path.file_name().map_or(path.as_os_str(), |name| name).to_string_lossy().into_owned();
-        NextStep { what_for: self.what_for.clone(), command: self.command(name) }
+        let shown = |path: &Path| match path.is_absolute() {
+            false => path.display().to_string(),
+            true => {
+                let name = path.file_name().map_or(path.as_os_str(), |name| name);
+                Path::new("\u{2026}").join(name).display().to_string()
+            }
+        };
+        NextStep { what_for: self.what_for.clone(), command: self.command(shown) }
     }
 
     /// For the terminal: ready to be run where this command was.
@@ -78,7 +85,7 @@ impl Next {
 
 /// A word as a shell takes it for one.
 fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:=@%".contains(c);
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+,:=@%\u{2026}".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) {
         word.to_owned()
     } else {
@@ -91,10 +98,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_terminal_shows_paths_for_the_shell_and_a_report_names_files() {
+    fn regress_a_report_names_the_file_that_the_terminal_names_and_no_folder_of_this_machine() {
         let next = Next::new("to see", "verify").file("--model", Path::new("a b/it's.json")).text(KNOWN_POINTS);
         assert_eq!(next.words(), "next, to see:\n  abbe verify --model 'a b/it'\\''s.json' --points KNOWN.csv\n");
-        assert_eq!(next.step().command, "abbe verify --model 'it'\\''s.json' --points KNOWN.csv");
+        assert_eq!(next.step().command, "abbe verify --model 'a b/it'\\''s.json' --points KNOWN.csv");
+        let whole = Next::new("to see", "verify").file("--model", Path::new("/srv/of/somebody/model.json"));
+        assert_eq!(whole.step().command, "abbe verify --model \u{2026}/model.json");
         assert_eq!(
             Next::new("", "launch").path(Path::new("x/ü-1.toml")).words(),
             "next, :\n  abbe launch x/ü-1.toml\n"
