@@ -244,7 +244,7 @@ fn file_of(
 /// Takes, corrects, gives; counts what each status says.
 fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage<M>) -> Result<NodeSummary, NodeError> {
     let mut summary = context.summary();
-    let mut statuses = [0_u64; CorrectionStatus::ALL.len()];
+    let mut passed = Passed::default();
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
     let mut publisher = context.publisher::<CorrectedCoordinates>()?;
     let mut subscriber = context.subscriber::<M>(from)?;
@@ -267,7 +267,7 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
                 durations.push(since.elapsed());
                 send(publisher.as_mut(), &corrected, &mut summary);
                 stage.beside(&corrected);
-                statuses[corrected.status as usize] += 1;
+                passed.count(corrected.status);
             }
             None if stopping => break,
             None => stage.refresh(),
@@ -278,14 +278,14 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
             let input = input(&stage, subscriber.as_ref());
             remarks.report(health.as_ref(), &summary, &[input]);
             if let Some(health) = &health {
-                report(health, &summary, subscriber.lost(), &statuses, &rivals);
+                report(health, &summary, subscriber.lost(), &passed, &rivals);
                 stage.report(health);
             }
         }
     }
     remarks::figures(&mut summary, &[input(&stage, subscriber.as_ref())]);
     (summary.lost, summary.dropped) = (subscriber.lost(), publisher.dropped());
-    for (status, count) in CorrectionStatus::ALL.iter().zip(statuses) {
+    for (status, count) in CorrectionStatus::ALL.iter().zip(passed.statuses) {
         summary.figures.insert(status.name().to_lowercase(), count as f64);
     }
     durations.figures(&mut summary);
@@ -365,27 +365,66 @@ impl Durations {
     }
 }
 
-fn report(
-    health: &Diagnostics,
-    summary: &NodeSummary,
-    lost: u64,
-    statuses: &[u64; CorrectionStatus::ALL.len()],
-    rivals: &Rivals,
-) {
-    use CorrectionStatus::{NoModel, OtherFrame, Rejected, SeveralSources};
-    let uncorrected: u64 =
-        [Rejected, NoModel, OtherFrame, SeveralSources].map(|status| statuses[status as usize]).iter().sum();
-    let (level, message) = match (rivals.words(), uncorrected, lost) {
-        (Some(words), ..) => (DiagnosticStatus::WARN, words),
-        (None, 0, 0) => (DiagnosticStatus::OK, "correcting".to_owned()),
-        (None, 0, _) => (DiagnosticStatus::WARN, "samples were lost on the way here".to_owned()),
-        (None, ..) => (DiagnosticStatus::WARN, "some samples were not corrected".to_owned()),
+/// Samples that went through, by their status.
+#[derive(Default)]
+struct Passed {
+    statuses: [u64; CorrectionStatus::ALL.len()],
+    last: Option<CorrectionStatus>,
+}
+
+impl Passed {
+    fn count(&mut self, status: CorrectionStatus) {
+        self.statuses[status as usize] += 1;
+        self.last = Some(status);
+    }
+
+    /// What to say of them: of the state that passes now, else of all since the start.
+    fn words(&self, lost: u64) -> (u8, &'static str) {
+        use CorrectionStatus::{Inactive, NoModel, OtherFrame, Rejected, SeveralSources};
+        let count = |status: CorrectionStatus| self.statuses[status as usize];
+        let uncorrected: u64 = [Rejected, NoModel, OtherFrame, SeveralSources].map(count).iter().sum();
+        match (self.last, uncorrected, lost) {
+            (Some(Inactive), ..) => (DiagnosticStatus::WARN, "no sample is corrected: a node of the chain is inactive"),
+            (_, 0, 0) => (DiagnosticStatus::OK, "correcting"),
+            (_, 0, _) => (DiagnosticStatus::WARN, "samples were lost on the way here"),
+            _ => (DiagnosticStatus::WARN, "some samples were not corrected"),
+        }
+    }
+}
+
+fn report(health: &Diagnostics, summary: &NodeSummary, lost: u64, passed: &Passed, rivals: &Rivals) {
+    let (level, message) = match rivals.words() {
+        Some(words) => (DiagnosticStatus::WARN, words),
+        None => {
+            let (level, words) = passed.words(lost);
+            (level, words.to_owned())
+        }
     };
-    let counts = CorrectionStatus::ALL.iter().zip(statuses).map(|(status, count)| (status.name(), count.to_string()));
+    let counts =
+        CorrectionStatus::ALL.iter().zip(passed.statuses).map(|(status, count)| (status.name(), count.to_string()));
     let figures = [
         ("received", summary.received.to_string()),
         ("lost", lost.to_string()),
         ("other publishers", rivals.now.to_string()),
     ];
     health.report("correction", level, &message, figures.into_iter().chain(counts));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chain at rest was "correcting" for whoever watched its second node.
+    #[test]
+    fn regress_samples_of_a_chain_at_rest_are_no_good_health() {
+        let mut passed = Passed::default();
+        passed.count(CorrectionStatus::InVolume);
+        assert_eq!(passed.words(0), (DiagnosticStatus::OK, "correcting"));
+        passed.count(CorrectionStatus::Inactive);
+        let (level, words) = passed.words(0);
+        assert!(level == DiagnosticStatus::WARN && words.contains("inactive"), "{words}");
+        passed.count(CorrectionStatus::InVolume);
+        assert_eq!(passed.words(0), (DiagnosticStatus::OK, "correcting"), "it goes on");
+        assert_eq!(passed.words(2).0, DiagnosticStatus::WARN);
+    }
 }
