@@ -54,6 +54,8 @@ pub use log_lines::{LogLine, tell_log_line};
 pub use outbox::{Outbox, OutboxCounts};
 #[cfg(target_os = "linux")]
 pub use run_id::{RunId, RunIdError};
-pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_on_signals, end_with_reader, follow_launcher};
+pub use shutdown::{
+    LAUNCHER_PID, Shutdown, ShutdownError, end_on_signals, end_with_reader, follow_launcher, heeds_interrupt,
+};
 #[cfg(target_os = "linux")]
 pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
-pub use system::{end_on_signals, end_with_reader, follow_launcher};
+pub use system::{end_on_signals, end_with_reader, follow_launcher, heeds_interrupt};
 
 /// Environment variable that names the process whose end is the end of this one; see [`follow_launcher`].
 pub const LAUNCHER_PID: &str = "ABBE_LAUNCHER_PID";

@@ -6,7 +6,7 @@ use crate::service_manager::ServiceManager;
 use abbe_graph::launch::{Instead, Launch};
 use abbe_graph::supervisor::{Given, Supervisor};
 use abbe_runtime::ros::RosArgs;
-use abbe_runtime::{RunId, Shutdown, end_with_reader};
+use abbe_runtime::{RunId, Shutdown, end_with_reader, heeds_interrupt};
 use anyhow::{Context, bail, ensure};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -61,7 +61,14 @@ pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()
     let program = std::env::current_exe().context("the path of this program is unknown")?;
     let run = arguments.run.as_deref().map(str::parse::<RunId>).transpose()?.unwrap_or_else(RunId::unique);
     // Not `eprintln!`: the nodes run whether or not somebody reads this.
-    let _ = writeln!(std::io::stderr(), "run {run}: Ctrl-C stops all nodes", run = run.as_str());
+    let stops = match heeds_interrupt() {
+        true => "Ctrl-C stops all nodes".to_owned(),
+        false => format!(
+            "SIGINT is ignored, as the shell had it that started this in the background; `kill {}` stops all nodes",
+            std::process::id()
+        ),
+    };
+    let _ = writeln!(std::io::stderr(), "run {run}: {stops}", run = run.as_str());
     let mut supervisor =
         Supervisor::start_with(&program, &arguments.file, run, Given { instead, ros_words: ros_args.words })?;
     let mut manager = ServiceManager::from_environment();

@@ -32,6 +32,12 @@ pub(super) fn raise_on_signals(shutdown: &Shutdown) -> Result<(), ShutdownError>
     Ok(())
 }
 
+/// Whether Ctrl-C is a request to stop: always.
+#[must_use]
+pub fn heeds_interrupt() -> bool {
+    true
+}
+
 /// Nothing: no signal is kept from this process.
 ///
 /// # Errors

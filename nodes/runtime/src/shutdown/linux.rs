@@ -113,6 +113,12 @@ pub fn end_with_reader() -> Result<(), ShutdownError> {
     Ok(())
 }
 
+/// Whether Ctrl-C, or SIGINT from anywhere, is a request to stop: not where this process was started to ignore it, as by a script with `&`.
+#[must_use]
+pub fn heeds_interrupt() -> bool {
+    signals_to_handle().contains(&SIGINT)
+}
+
 /// SIGTERM, and those of SIGINT and SIGHUP that the process was not started to ignore.
 fn signals_to_handle() -> Vec<i32> {
     // Only the kernel's own account says what was inherited; where there is none, nothing counts as ignored.
