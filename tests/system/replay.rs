@@ -209,7 +209,7 @@ fn regress_every_message_of_a_source_that_began_anew_with_another_model_is_compa
         let last = all[places[9]].cdr.len() - 80;
         all[places[9]].cdr[last] ^= 1;
     };
-    spoilt("different", wrong, &["differ", "check that model"]);
+    spoilt("different", wrong, &["differ", "check that the model", "--max-covariate-age-s (10 here)"]);
 
     let file = bench.path("corrected").join("corrected_0.mcap");
     let cut = fs::read(&file).unwrap();

@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         for hash in &outcome.models_not_named {
             println!("no message names the given model {hash}");
         }
-        faults.extend(faults_of(bag, &outcome));
+        faults.extend(faults_of(bag, &outcome, arguments.max_covariate_age_s));
     }
     ensure!(faults.is_empty(), "{}", faults.join("\n"));
     next(arguments).print();
@@ -76,7 +76,7 @@ fn tell(topic: &TopicOutcome, residual: bool) {
 }
 
 /// What keeps a bag from being the same again, in words.
-fn faults_of(bag: &Path, outcome: &ReplayOutcome) -> Vec<String> {
+fn faults_of(bag: &Path, outcome: &ReplayOutcome, max_covariate_age_s: f64) -> Vec<String> {
     let bag = bag.display();
     let mut faults: Vec<String> = Vec::new();
     if let Some(damage) = &outcome.damage {
@@ -107,8 +107,9 @@ fn faults_of(bag: &Path, outcome: &ReplayOutcome) -> Vec<String> {
     }
     if outcome.topics.iter().any(|topic| topic.different > 0) {
         faults.push(format!(
-            "{bag}: check that model and launch file are those of the run, and that the bag is as it was recorded: sorted by stamp, or merged, a \
-             temperature comes before a reading that was corrected without it"
+            "{bag}: check that the model is that of the run, that --max-covariate-age-s ({max_covariate_age_s} here) is max_covariate_age_s of \
+             its launch file, and that the bag is as it was recorded: sorted by stamp, or merged, a temperature comes before a reading that was \
+             corrected without it"
         ));
     }
     faults
