@@ -22,8 +22,8 @@ use std::time::{Duration, Instant};
 
 /// How often the health is told.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
-/// What a degraded model means.
-const DEGRADED: &str = "range residuals exceed their uncertainties: the model lacks something, or the machine changed";
+/// Times their uncertainty from which residuals are not those of a machine that lacks something.
+const OF_ANOTHER: f64 = 100.0;
 
 /// What comes in.
 struct Inputs {
@@ -179,7 +179,7 @@ impl Monitor {
         let spell = now.unsound.map(|unsound| unsound.since);
         if now.state == HealthState::Degraded && self.warned != spell {
             self.warned = spell;
-            tracing::warn!(mean_square = now.mean_square, "{DEGRADED}; {}", self.diagnosis.advice());
+            tracing::warn!(mean_square = now.mean_square, "{}; {}", degraded(&now), self.diagnosis.advice());
         }
         if !news && now.state == self.told && self.reported.elapsed() < REPORT_EVERY {
             return;
@@ -234,6 +234,22 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
     }
 }
 
+/// What a degraded model means, by how large the residuals are.
+fn degraded(health: &Health) -> String {
+    let times = health.mean_square.map(f64::sqrt);
+    let size = match (health.rms_m, times) {
+        (Some(rms_m), Some(times)) => format!(" ({:.3} um rms, {times:.1} times as large)", rms_m * 1e6),
+        _ => String::new(),
+    };
+    let cause = match times {
+        Some(times) if times > OF_ANOTHER => {
+            "more than a machine changes; is the model that of this machine, and are stations, offsets and units those of its campaign?"
+        }
+        _ => "the model lacks something, or the machine changed",
+    };
+    format!("range residuals exceed their uncertainties{size}: {cause}")
+}
+
 fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Option<&str>) {
     let (level, message) = match (health.state, lacking) {
         (HealthState::Unknown, Some(lacking)) => {
@@ -243,7 +259,7 @@ fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Opt
         (HealthState::Consistent, _) => {
             (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say".to_owned())
         }
-        (HealthState::Degraded, _) => (DiagnosticStatus::WARN, format!("{DEGRADED}; {advice}")),
+        (HealthState::Degraded, _) => (DiagnosticStatus::WARN, format!("{}; {advice}", degraded(health))),
     };
     let optional = |value: Option<f64>, scale: f64| value.map_or("unknown".to_owned(), |v| format!("{:.3}", v * scale));
     let figures = [
@@ -255,4 +271,31 @@ fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Opt
         ("lacking for a prediction", lacking.unwrap_or("nothing").to_owned()),
     ];
     diagnostics.report("range residual", level, &message, figures);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Residuals of 248 mm were told in the same words as those of 1.2 times the noise.
+    #[test]
+    fn regress_a_misfit_is_told_with_its_size_and_one_beyond_any_machine_as_such() {
+        let health = |mean_square: f64, rms_m: f64| Health {
+            state: HealthState::Degraded,
+            model_sha256: Sha256::from_bytes([7; 32]),
+            residuals: 400,
+            mean_square: Some(mean_square),
+            rms_m: Some(rms_m),
+            unsound: None,
+            out_of_bounds: 0,
+            unpredicted: 0,
+        };
+        let little = degraded(&health(1.44, 0.36e-6));
+        assert!(little.contains("(0.360 um rms, 1.2 times as large): the model lacks something"), "{little}");
+        let another = degraded(&health(7e11, 0.248));
+        assert!(
+            another.contains("more than a machine changes") && another.contains("that of this machine"),
+            "{another}"
+        );
+    }
 }
