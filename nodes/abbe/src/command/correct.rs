@@ -97,12 +97,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (input, name) = input(&arguments.input)?;
     let of_model = (&sha256, &correcting);
     let tally = if is_standard(&arguments.output) {
-        let worth = correct_csv(&correcting, input, &name, BufWriter::new(std::io::stdout().lock()), true)?;
+        let worth = correct_csv(&correcting, input, &name, (BufWriter::new(std::io::stdout().lock()), STANDARD), true)?;
         write(arguments, pages_of(arguments, of_model, &worth, &name)?)?;
         worth.tally
     } else {
         let mut file = AtomicFile::create(&arguments.output)?;
-        let worth = correct_csv(&correcting, input, &name, BufWriter::new(&mut file), false)?;
+        let written = arguments.output.display().to_string();
+        let worth = correct_csv(&correcting, input, &name, (BufWriter::new(&mut file), &written), false)?;
         // What ends the input on Ctrl-C may be the same Ctrl-C.
         ensure!(!shutdown.requested(), Ended::stopped("stopped on request; no output was written".to_owned()));
         // A page that cannot be made is said before anything is there.
@@ -222,12 +223,12 @@ impl<R: Read, F: FnMut() -> std::io::Result<()>> Read for FlushFirst<R, F> {
     }
 }
 
-/// Corrects a table. `is_stream` where rows leave as they come: then a number with two readings is refused at its row.
+/// Corrects a table, and writes it to what goes by this name. `is_stream` where rows leave as they come: then a number with two readings is refused at its row.
 fn correct_csv(
     Correcting { model, residual, shutdown }: &Correcting,
     input: Box<dyn Read>,
     name: &str,
-    output: impl Write,
+    (output, written): (impl Write, &str),
     is_stream: bool,
 ) -> anyhow::Result<Worth> {
     let machine = &model.model.parts().machine;
@@ -236,7 +237,7 @@ fn correct_csv(
     let reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
     let inputs = inputs_of(*residual);
     let mut reader = reader.following(model.model.reads().into_iter().chain(inputs.clone()));
-    let points = PointsWriter::new(output, "output", &reader)?;
+    let points = PointsWriter::new(output, written, &reader)?;
     let form = points.form();
     *writer.borrow_mut() = Some(points);
     let room = if is_stream { 1 } else { MANY };
@@ -314,6 +315,8 @@ pub(crate) fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, 
     Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, SIGN_REMEDY))
 }
 
+/// Standard output in messages.
+const STANDARD: &str = "standard output";
 const SIGN_REMEDY: &str = "correct its sign, or identify a model with such an offset";
 
 /// Which part of an offset has the sign that no offset of the campaign had, and what is wrong with it.
