@@ -54,7 +54,20 @@ pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseE
     }
     let (rows, notes) = once(runs);
     no_approach_twice(runs, &rows)?;
-    Ok((rows, notes))
+    Ok((rows, [notes, rotary(runs)].concat()))
+}
+
+/// What a reader must know of axes that are rotary by their names (ISO 841).
+fn rotary(runs: &[Run]) -> Vec<String> {
+    let is_rotary = |axis: &&str| ["a", "b", "c"].contains(&axis.trim().to_ascii_lowercase().as_str());
+    let axes: BTreeSet<&str> = runs.iter().map(|run| run.axis.as_str()).filter(is_rotary).collect();
+    let told = |axis: &str| {
+        format!(
+            "Axis {axis} is a rotary one by its name, and runs are taken for those of a linear one: where degrees stand in the columns of \
+             millimetres, read degrees for mm and thousandths of a degree for um. No model of it corrects a machine."
+        )
+    };
+    axes.into_iter().map(told).collect()
 }
 
 /// Refuses an axis under two names: each would be corrected by itself, and the machine by both.
@@ -151,4 +164,28 @@ fn once(runs: &[Run]) -> (Vec<usize>, Vec<String>) {
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Periods of degrees came out as "0.4486 mm, axis B", without a word.
+    #[test]
+    fn regress_a_rotary_axis_is_told_that_it_is_taken_for_a_linear_one() {
+        let of = |axis: &str| {
+            let run = |k: i64| Run {
+                axis: axis.to_owned(),
+                target_m: 1e-3 * k as f64,
+                approach: Approach::Positive,
+                cycle: 1,
+                measured_m: 1e-3 * k as f64 + 1e-7 * (k % 3) as f64,
+                time_s: None,
+                covariates: BTreeMap::new(),
+            };
+            given(&(0..6).map(run).collect::<Vec<Run>>()).map(|(_, notes)| notes.concat())
+        };
+        assert!(of("B").is_ok_and(|notes| notes.contains("thousandths of a degree")));
+        assert!(of("X").is_ok_and(|notes| notes.is_empty()));
+    }
 }
