@@ -7,6 +7,7 @@
 
 use crate::candidates::Round;
 use crate::error::DiagnoseError;
+use crate::tomorrow::DIRECTIONS;
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_measurement::campaign::Campaign;
 
@@ -14,8 +15,6 @@ use abbe_measurement::campaign::Campaign;
 const LAST: f64 = 0.1;
 /// Share of the last lines that are off: one across the motion does not show it.
 const OFF: f64 = 0.5;
-/// Directions that a motion of the tip has for each that a range sees.
-const DIRECTIONS: f64 = 3.0;
 
 /// The last lines, as far as they are off.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +29,7 @@ struct Driven {
     line: usize,
     start_s: f64,
     readings: usize,
-    /// Mean square of what was found on its readings alone (m²).
+    /// Sum of the squares of what was found on its readings alone (m²).
     square_m2: f64,
 }
 
@@ -54,12 +53,11 @@ impl Late {
             own.readings += 1;
         }
         driven.retain(|own| own.readings > 0);
-        driven.iter_mut().for_each(|own| own.square_m2 /= own.readings as f64);
         driven.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
         let last = last(&driven, (LAST * campaign.readings.len() as f64) as usize);
         let off: Vec<&Driven> = last.iter().filter(|own| own.square_m2 > 0.0).collect();
         let readings: usize = off.iter().map(|own| own.readings).sum();
-        let square_m2 = off.iter().map(|own| own.square_m2 * own.readings as f64).sum::<f64>() / readings.max(1) as f64;
+        let square_m2 = off.iter().map(|own| own.square_m2).sum::<f64>() / readings.max(1) as f64;
         let lines = off.iter().map(|own| campaign.lines[own.line].clone()).collect();
         Ok((!off.is_empty()).then(|| Late { lines, deviation_m: (DIRECTIONS * square_m2).sqrt() }))
     }

@@ -23,7 +23,7 @@ use abbe_measurement::campaign::{Campaign, RangeReading};
 use faer::Mat;
 
 /// Directions that a motion of the tip has and a range does not see, and the one that it sees.
-const DIRECTIONS: f64 = 3.0;
+pub(crate) const DIRECTIONS: f64 = 3.0;
 /// Coefficients of a smooth course in time: a cubic.
 const COURSE: usize = 4;
 /// Share of a growth between two readings from which it is as well a step.

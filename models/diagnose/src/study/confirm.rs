@@ -52,6 +52,7 @@ pub(super) fn beyond_chance(
     let judged = Placed::around(&mut *view.study, &found.set, |study| parts.of(study, &found.set, SURE));
     if let Some((before, after, is_sure)) = judged {
         (unseen.before, unseen.after, unseen.is_sure) = (Some(before), Some(after), Some(is_sure));
+        unseen.chosen_on_all = false;
     }
     Ok(true)
 }
@@ -93,14 +94,9 @@ pub(super) fn confirmed(
     let kept = Placed::around(study, &found.set, |study| {
         surely(study, &found.set, parts).or_else(|| likely(study, named, parts))
     });
-    let kept = match kept {
-        None => {
-            let chosen = Placed::around(study, &found.set, |study| chosen(study, &found.set, parts));
-            unseen.chosen_on_all = chosen.is_some();
-            chosen
-        }
-        kept => kept,
-    };
+    let is_searched = kept.is_some();
+    let kept = kept.or_else(|| Placed::around(study, &found.set, |study| chosen(study, &found.set, parts)));
+    unseen.chosen_on_all = !is_searched && kept.is_some();
     let (set, judged) = kept.unwrap_or_else(|| (Vec::new(), (before, before, false)));
     let (kept, dropped): (Vec<usize>, Vec<usize>) = found.set.iter().partition(|k| set.contains(k));
     let names = dropped.iter().map(|k| study.candidates()[*k].name.clone()).collect();
@@ -147,9 +143,18 @@ type Kept = (Vec<usize>, (HeldOutRms, HeldOutRms, bool));
 
 /// The most of the first found that surely predict.
 fn surely(study: &mut dyn Study, set: &[usize], parts: &Parts) -> Option<Kept> {
+    most(set, 1..set.len(), |set, probability| parts.of(study, set, probability))
+}
+
+/// The most of the first of a set that surely predict, of so many tries.
+fn most(
+    set: &[usize],
+    counts: std::ops::Range<usize>,
+    mut judge: impl FnMut(&[usize], f64) -> Option<(HeldOutRms, HeldOutRms, bool)>,
+) -> Option<Kept> {
     let one_of_several = 1.0 - (1.0 - SURE) / set.len() as f64;
-    (1..set.len()).rev().find_map(|count| {
-        let judged = parts.of(study, &set[..count], one_of_several)?;
+    counts.rev().find_map(|count| {
+        let judged = judge(&set[..count], one_of_several)?;
         (judged.2 && judged.1.rms_um < judged.0.rms_um).then(|| (set[..count].to_vec(), judged))
     })
 }
@@ -162,11 +167,7 @@ fn chosen(study: &mut dyn Study, set: &[usize], parts: &Parts) -> Option<Kept> {
     }
     let is_free = |k: &usize| tried(&*study, *k) == 1 && study.frequency(*k).is_none();
     let free: Vec<usize> = set.iter().copied().take_while(is_free).collect();
-    let one_of_several = 1.0 - (1.0 - SURE) / free.len().max(1) as f64;
-    (1..=free.len()).rev().find_map(|count| {
-        let judged = parts.of_chosen(study, &free[..count], one_of_several)?;
-        (judged.2 && judged.1.rms_um < judged.0.rms_um).then(|| (free[..count].to_vec(), judged))
-    })
+    most(&free, 1..free.len() + 1, |set, probability| parts.of_chosen(study, set, probability))
 }
 
 /// What has a name, where it brings the error down.

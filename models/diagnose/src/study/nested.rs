@@ -110,14 +110,11 @@ impl Parts {
         probability: f64,
     ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
         let families: BTreeSet<String> = set.iter().map(|k| study.candidates()[*k].family.clone()).collect();
-        let one = |part: &Part| {
+        self.each(study, probability, |study, part| {
             part.placed.take(study);
             let is_own = |k: &usize| families.contains(&study.candidates()[*k].family);
-            let set: Vec<usize> = part.placed.set().filter(is_own).collect();
-            self.judged(&mut self.view(study, part), &set, &part.left_out).ok()
-        };
-        let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
-        (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
+            part.placed.set().filter(is_own).collect()
+        })
     }
 
     /// Error before and after with a set that was chosen on all data, fitted without each part, and whether it comes down with this
@@ -128,7 +125,20 @@ impl Parts {
         set: &[usize],
         probability: f64,
     ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
-        let one = |part: &Part| self.judged(&mut self.view(study, part), set, &part.left_out).ok();
+        self.each(study, probability, |_, _| set.to_vec())
+    }
+
+    /// The same with the set that each part is to be predicted with.
+    fn each(
+        &self,
+        study: &mut dyn Study,
+        probability: f64,
+        set: impl Fn(&mut dyn Study, &Part) -> Vec<usize>,
+    ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
+        let one = |part: &Part| {
+            let set = set(study, part);
+            self.judged(&mut self.view(study, part), &set, &part.left_out).ok()
+        };
         let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
         (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
     }

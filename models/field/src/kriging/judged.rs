@@ -90,8 +90,8 @@ fn held(samples: &Samples, options: &KrigingOptions) -> Result<(Averaged, Judgem
             check_share(&guilty, all.len())?;
             let contradicted = contradicted(&part, &fit);
             let widening = fit.widening();
-            let undeclared = !options.noise.is_declared() || part.u_m().is_none();
-            let taken_for_noise_m = undeclared.then(|| fit.noise_variance_m2().map(f64::sqrt));
+            let is_declared = declared_m(&part, options).is_some();
+            let taken_for_noise_m = (!is_declared).then(|| fit.noise_variance_m2().map(f64::sqrt));
             return Ok((fit, Judgement { left_out: guilty, kept, contradicted, taken_for_noise_m, widening }));
         }
         accused = guilty.iter().map(|one| one.index).collect();
@@ -128,11 +128,15 @@ fn tried(
     Ok(guilty)
 }
 
+/// Standard uncertainties that vectors declare, where they count (m).
+fn declared_m<'a>(samples: &'a Samples, options: &KrigingOptions) -> Option<&'a [Vector3<f64>]> {
+    options.noise.is_declared().then(|| samples.u_m()).flatten()
+}
+
 /// Variance of a measured error less what the others predict there (m²).
 fn variance_m2(samples: &Samples, options: &KrigingOptions, fit: &Averaged, index: usize) -> Vector3<f64> {
     let field_m = fit.predict(samples.point(index)).1;
-    let declared = options.noise.is_declared().then(|| samples.u_m()).flatten();
-    let declared_m = declared.map_or(Vector3::zeros(), |u_m| u_m[index]);
+    let declared_m = declared_m(samples, options).map_or(Vector3::zeros(), |u_m| u_m[index]);
     field_m.component_mul(&field_m) + declared_m.component_mul(&declared_m) + fit.noise_variance_m2()
 }
 

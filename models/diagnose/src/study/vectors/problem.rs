@@ -308,12 +308,12 @@ impl Study for Vectors<'_> {
     fn columns_at(&self, candidate: usize, frequency: f64, rows: &[usize]) -> Mat<f64> {
         let Part::Wave(wave) = &self.parts[candidate] else { return Mat::zeros(0, 0) };
         let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
-        self.wave_columns(&wave.at(frequency), &vectors)
+        self.wave_columns(wave, frequency, &vectors)
     }
 
     fn set_frequency(&mut self, candidate: usize, frequency: f64) {
         if let Part::Wave(wave) = &mut self.parts[candidate] {
-            *wave = wave.at(frequency);
+            wave.set(frequency);
             self.candidates[candidate] = wave.candidate();
         }
     }
@@ -339,7 +339,7 @@ impl Study for Vectors<'_> {
 
     fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
         match &self.parts[candidate] {
-            Part::Wave(wave) => wave.scan().len() as f64,
+            Part::Wave(wave) => wave.count() as f64,
             _ if self.places(candidate).is_empty() => 1.0,
             _ => self.steps.places.tried(places),
         }

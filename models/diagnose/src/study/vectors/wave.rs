@@ -95,13 +95,18 @@ impl Wave {
         (0..count).map(|k| first + step * k as f64).collect()
     }
 
+    /// How many these are.
+    pub(super) fn count(&self) -> usize {
+        self.scan.2
+    }
+
     /// Whether the search has taken a frequency for it.
     pub(super) fn is_set(&self) -> bool {
         self.frequency != self.scan.0
     }
 
-    pub(super) fn at(&self, frequency: f64) -> Wave {
-        Wave { frequency, ..self.clone() }
+    pub(super) fn set(&mut self, frequency: f64) {
+        self.frequency = frequency;
     }
 
     /// The slowest again.
@@ -109,11 +114,11 @@ impl Wave {
         self.frequency = self.scan.0;
     }
 
-    /// What it does to one component at positions along its axis (m) with these standard uncertainties (m).
-    pub(super) fn columns(&self, rows: impl ExactSizeIterator<Item = (f64, f64)>) -> Mat<f64> {
+    /// What it does with a frequency to one component at positions along its axis (m) with these standard uncertainties (m).
+    pub(super) fn columns(&self, frequency: f64, rows: impl ExactSizeIterator<Item = (f64, f64)>) -> Mat<f64> {
         let mut columns = Mat::zeros(rows.len(), 2);
         for (row, (position_m, sigma_m)) in rows.enumerate() {
-            let (sine, cosine) = (TAU * self.frequency * (position_m - self.less_m)).sin_cos();
+            let (sine, cosine) = (TAU * frequency * (position_m - self.less_m)).sin_cos();
             columns[(row, 0)] = self.sign * sine / sigma_m;
             columns[(row, 1)] = self.sign * cosine / sigma_m;
         }

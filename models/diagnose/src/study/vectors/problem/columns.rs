@@ -19,7 +19,7 @@ impl Vectors<'_> {
         match &self.parts[candidate] {
             Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
             Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
-            Part::Wave(wave) => Some((wave.axis, self.wave_columns(wave, vectors))),
+            Part::Wave(wave) => Some((wave.axis, self.wave_columns(wave, wave.frequency().0, vectors))),
             Part::Registered(_) | Part::Named(_) | Part::Drift(_) => None,
         }
     }
@@ -37,9 +37,9 @@ impl Vectors<'_> {
         own.is_set() || !self.parts[..candidate].iter().any(is_open)
     }
 
-    pub(super) fn wave_columns(&self, wave: &Wave, vectors: &[usize]) -> Mat<f64> {
+    pub(super) fn wave_columns(&self, wave: &Wave, frequency: f64, vectors: &[usize]) -> Mat<f64> {
         let d = wave.axis.index();
-        wave.columns(vectors.iter().map(|k| (self.vectors[*k].position_m[d], self.sigma_m[*k][d])))
+        wave.columns(frequency, vectors.iter().map(|k| (self.vectors[*k].position_m[d], self.sigma_m[*k][d])))
     }
 
     pub(super) fn step_columns(&self, axis: Axis, step: &Step, vectors: &[usize]) -> Mat<f64> {
