@@ -41,6 +41,14 @@ pub struct Squareness {
     pub about: Axis,
 }
 
+impl Squareness {
+    /// Axis along which the turn moves the tip: that which is neither.
+    pub fn moves(&self) -> Axis {
+        let is_third = |axis: &Axis| *axis != self.tilts && *axis != self.about;
+        Axis::ALL.into_iter().find(is_third).unwrap_or(self.tilts)
+    }
+}
+
 /// Standard uncertainty (rad, k = 1) with which the turn of the ram is known where nothing was measured and nobody says
 /// better: 0.06 mm in 300 mm, three times what acceptance tests of machine tools allow between a spindle's axis and the
 /// motion that carries it (ISO 10791-1, 0.02 mm in 300 mm), since nobody squares the roll of a ram, or an adapter on it, as

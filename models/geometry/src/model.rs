@@ -302,17 +302,25 @@ impl MachineModel {
         !self.unseen_expansions.is_empty() || is_unexplained && !self.parts.identified.covariates.is_empty()
     }
 
-    /// The same of expansions that the data cannot rule out, for a sample with its temperatures (m²).
+    /// The same of expansions and turns that the data cannot rule out, for a sample with its temperatures (m²).
     pub(crate) fn unseen_m2(&self, state: &State) -> Vector3<f64> {
         match self.unseen_expansions.is_empty() {
             true => Vector3::zeros(),
-            false => unseen_expansion::variance_m2(&self.unseen_expansions, self.middle_m(), state),
+            false => {
+                let squareness = &self.parts.machine.squareness;
+                unseen_expansion::variance_m2(&self.unseen_expansions, squareness, self.middle_m(), state)
+            }
         }
     }
 
     /// What expansions that the data cannot rule out do to a metre of X, Y and Z at the coldest or warmest that was logged (m/m, k = 1).
     pub fn unseen_expansion_at_the_ends(&self) -> [f64; 3] {
         unseen_expansion::at_the_ends(&self.unseen_expansions)
+    }
+
+    /// What turns that the data cannot rule out do there to each squareness error, in the order of [`Machine::squareness`] (rad, k = 1).
+    pub fn unseen_turn_at_the_ends(&self) -> [f64; 3] {
+        unseen_expansion::turned_at_the_ends(&self.unseen_expansions)
     }
 
     /// Readings in the middle of those identified (m).

@@ -10,7 +10,8 @@
 //! φ the misfit of the fit. So what the data show, and no diagnosis adopted, is in it as well. A campaign at one temperature
 //! leaves the prior. What the fit takes of the columns, V JᵀC, is by how much its parameters may be off together (the consider covariance of
 //! Schmidt 1966, as in Tapley, Schutz and Born 2004, Statistical Orbit Determination, 6.3). Where an effect of the fit already holds what
-//! a temperature does along an axis, its covariance says it. A scale that all lengths of the instrument have in common is such a column as
+//! a temperature does along an axis, its covariance says it. A squareness error that goes with a temperature is such a pair, too: the tip goes
+//! along one axis with the reading of another. A scale that all lengths of the instrument have in common is such a column as
 //! well: the lengths themselves. Nothing shows it, so that what is declared of it is open whatever the data say. Lengths in m.
 
 use crate::identified::Identified;
@@ -30,6 +31,13 @@ use faer::Mat;
 const EXPANSION: f64 = 10e-6;
 /// Push of the tip with it (m/K): a scale is fixed within a few metres.
 const PUSH: f64 = 30e-6;
+
+/// Turn of one axis against another (rad/K): a structure of steel one side of which stays a quarter of a kelvin behind.
+const TURN: f64 = 3e-6;
+/// Push of the tip with that (m/K): the place that stays where it is lies within a metre.
+const PUSH_OF_TURN: f64 = 3e-6;
+/// What an effect of the fit holds is open to no more than that (m/K): rows tell nothing of it beside the effect.
+const HELD: f64 = 1e-12;
 
 /// An expansion and a push.
 const PAIR: usize = 2;
@@ -72,16 +80,16 @@ pub fn unseen_expansions(
     let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
     all.absorbed.extend(is_declared(instrument).then(|| asked.common_scale(instrument.common_per_metre)));
     let logged: Vec<Logged> = logged.into_iter().filter_map(|column| asked.logged(column)).collect();
-    let unseen =
-        |column: &Logged| UnseenExpansion { sensor: column.name.to_owned(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
+    let unseen = |column: &Logged| UnseenExpansion { sensor: column.name.to_owned(), ..UnseenExpansion::default() };
     all.by_sensor = logged.iter().map(unseen).collect();
-    for axis in Axis::ALL {
-        let (d, is_held) = (axis.index(), asked.is_held(axis, is_kept));
-        let of_axis = asked.of_axis(&logged, axis);
-        let open: Vec<Open> = (0..logged.len()).map(|sensor| asked.open((axis, &of_axis), sensor)).collect();
+    for motion in Motion::of_scales().into_iter().chain(asked.motions_of_squareness(is_kept)) {
+        let is_held = asked.is_held(&motion, is_kept);
+        let of_motion = asked.of_motion(&logged, &motion);
+        let open: Vec<Open> = (0..logged.len()).map(|sensor| asked.open((&motion, &of_motion), sensor)).collect();
         for (own, open) in all.by_sensor.iter_mut().zip(&open) {
-            own.at_c[d] = open.at_c;
-            own.per_kelvin[d] = if is_held { 0.0 } else { open.per_kelvin() };
+            let (per_kelvin, at_c) = motion.kept_in(own);
+            *at_c = open.at_c;
+            *per_kelvin = if is_held { 0.0 } else { open.per_kelvin() };
         }
         // Temperatures of one machine go together: the one that may hide most stands for all.
         let most = open.iter().max_by(|a, b| a.hidden().total_cmp(&b.hidden()));
@@ -90,6 +98,44 @@ pub fn unseen_expansions(
         }
     }
     all
+}
+
+/// The tip goes along one axis, the more the farther another is out: an expansion where both are the same, else a squareness error.
+struct Motion {
+    along: Axis,
+    with: Axis,
+    /// Place of the squareness error in the machine, and along times what a radian of it does.
+    squareness: Option<(usize, f64)>,
+    /// Whether an effect that the model keeps moves the tip along where all temperatures rise alike, and so has the push already.
+    is_pushed: bool,
+}
+
+impl Motion {
+    fn of_scales() -> [Motion; 3] {
+        Axis::ALL.map(|axis| Motion { along: axis, with: axis, squareness: None, is_pushed: false })
+    }
+
+    /// Of what is open with a temperature, its own: by the kelvin, and the temperature that it is counted from.
+    fn kept_in<'a>(&self, unseen: &'a mut UnseenExpansion) -> (&'a mut f64, &'a mut f64) {
+        match self.squareness {
+            Some((k, _)) => (&mut unseen.squareness_per_kelvin[k], &mut unseen.squareness_at_c[k]),
+            None => (&mut unseen.per_kelvin[self.with.index()], &mut unseen.at_c[self.with.index()]),
+        }
+    }
+
+    /// Standard deviations of what nobody compensates (1/K or rad/K, and m/K).
+    fn usual(&self) -> [f64; PAIR] {
+        match self.squareness {
+            Some(_) if self.is_pushed => [TURN, HELD],
+            Some(_) => [TURN, PUSH_OF_TURN],
+            None => [EXPANSION, PUSH],
+        }
+    }
+
+    /// The same of the other axis of a squareness error: which of both turns is a matter of the frame.
+    fn seen_from_the_other(&self) -> Motion {
+        Motion { along: self.with, with: self.along, ..*self }
+    }
 }
 
 /// By how much all parameters are off together, where all lengths are longer by one standard uncertainty of the scale that they have in
@@ -115,9 +161,9 @@ struct Asked<'a> {
     campaign: &'a Campaign,
 }
 
-/// Columns of an expansion of one axis about its middle and of a push along it: pairs, one of each temperature less its mean, and last one
+/// Columns of a motion about the middle of an axis and of a push along it: pairs, one of each temperature less its mean, and last one
 /// without a temperature. About another temperature, a pair is less so much of the last.
-struct OfAxis<'c> {
+struct OfMotion<'c> {
     logged: &'c [Logged<'c>],
     mean_c: Vec<f64>,
     /// V JᵀC: what the fit takes of each for its own; free parameters by columns.
@@ -128,7 +174,7 @@ struct OfAxis<'c> {
     gradient: Vec<f64>,
 }
 
-impl OfAxis<'_> {
+impl OfMotion<'_> {
     /// Of a pair about a temperature so far from the mean (K), element by element.
     fn about(&self, sensor: usize, moved_k: f64, of: impl Fn(usize) -> f64) -> [f64; PAIR] {
         let last = PAIR * self.logged.len();
@@ -151,12 +197,12 @@ impl OfAxis<'_> {
     }
 }
 
-/// What the rows leave open of the expansion of one axis with one temperature.
+/// What the rows leave open of a motion with one temperature.
 struct Open {
     at_c: f64,
     /// Rms distance of the readings from that (K).
     away_k: f64,
-    /// Second moments of the expansion (1/K) and of the push (m/K).
+    /// Second moments of the expansion or turn (1/K or rad/K) and of the push (m/K).
     second: [[f64; PAIR]; PAIR],
     /// What the fit takes of each: free parameters by unit.
     reach: Mat<f64>,
@@ -193,70 +239,96 @@ impl Asked<'_> {
         (0..self.rows.len()).filter(|k| self.rows.whitening[*k] > 0.0)
     }
 
-    /// Whether an effect that the model keeps stretches the axis where all temperatures rise alike.
-    fn is_held(&self, axis: Axis, is_kept: &dyn Fn(&FittedEffect) -> bool) -> bool {
-        let effects = self.fit.model.parts().effects.iter().filter(|fitted| is_kept(fitted));
-        let mut effects = effects.map(|fitted| fitted.effect.as_ref());
-        effects.any(|effect| {
-            let reads_one = effect.covariates().iter().any(|name| name.ends_with(TEMPERATURE));
-            reads_one && self.used().step_by(self.rows.len() / LOOKED_AT + 1).any(|k| self.stretches(effect, k, axis))
+    fn motions_of_squareness(&self, is_kept: &dyn Fn(&FittedEffect) -> bool) -> [Motion; 3] {
+        let squareness = &self.fit.model.parts().machine.squareness;
+        std::array::from_fn(|k| {
+            let own = &squareness[k];
+            let turned = own.about.direction().cross(&own.tilts.direction()).dot(&own.moves().direction());
+            let motion =
+                Motion { along: own.moves(), with: own.tilts, squareness: Some((k, turned)), is_pushed: false };
+            let pushes = |effect: &dyn Effect, reading| {
+                let by_kelvin = self.by_kelvin(effect, reading, &motion);
+                by_kelvin.is_some_and(|ends| ends.iter().flatten().any(|moved| *moved != 0.0))
+            };
+            Motion { is_pushed: self.any(is_kept, &pushes), ..motion }
         })
     }
 
-    /// Whether what an effect does along an axis in a kelvin changes along it, beside the readings and quantities of one row.
-    fn stretches(&self, effect: &dyn Effect, reading: usize, axis: Axis) -> bool {
-        let by_kelvin = |at_m: f64| -> Option<Vec<f64>> {
-            let along = |raised_k: f64| self.along(effect, (reading, axis), (at_m, raised_k));
-            Some(along(1.0)?.iter().zip(along(0.0)?).map(|(warm, cold)| warm - cold).collect())
-        };
-        let (low_m, high_m) = self.fit.model.parts().identified.reading_m[axis.index()];
-        let (Some(low), Some(high)) = (by_kelvin(low_m), by_kelvin(high_m)) else { return false };
+    /// Whether an effect that the model keeps does that where all temperatures rise alike.
+    fn is_held(&self, motion: &Motion, is_kept: &dyn Fn(&FittedEffect) -> bool) -> bool {
+        let other = motion.seen_from_the_other();
+        self.any(is_kept, &|effect, reading| self.does(effect, reading, motion) || self.does(effect, reading, &other))
+    }
+
+    /// Whether something holds of an effect that the model keeps and that reads a temperature, at one of some readings.
+    fn any(&self, is_kept: &dyn Fn(&FittedEffect) -> bool, holds: &dyn Fn(&dyn Effect, usize) -> bool) -> bool {
+        let effects = self.fit.model.parts().effects.iter().filter(|fitted| is_kept(fitted));
+        effects.map(|fitted| fitted.effect.as_ref()).any(|effect| {
+            let reads_one = effect.covariates().iter().any(|name| name.ends_with(TEMPERATURE));
+            reads_one && self.used().step_by(self.rows.len() / LOOKED_AT + 1).any(|reading| holds(effect, reading))
+        })
+    }
+
+    /// Whether what an effect does along an axis in a kelvin changes with the reading of the other.
+    fn does(&self, effect: &dyn Effect, reading: usize, motion: &Motion) -> bool {
+        let Some([low, high]) = self.by_kelvin(effect, reading, motion) else { return false };
         low.iter().zip(&high).any(|(low, high)| (high - low).abs() > ROUNDING * low.abs().max(high.abs()))
     }
 
-    /// What each parameter of an effect moves the tip along an axis by at a reading of it (m per unit), all temperatures of a row raised.
+    /// What each parameter of an effect does along an axis in a kelvin at both ends of the other, beside the readings and quantities of one row
+    /// (m per unit).
+    fn by_kelvin(&self, effect: &dyn Effect, reading: usize, motion: &Motion) -> Option<[Vec<f64>; 2]> {
+        let at = |at_m: f64| -> Option<Vec<f64>> {
+            let along = |raised_k: f64| self.along(effect, (reading, motion), (at_m, raised_k));
+            Some(along(1.0)?.iter().zip(along(0.0)?).map(|(warm, cold)| warm - cold).collect())
+        };
+        let (low_m, high_m) = self.fit.model.parts().identified.reading_m[motion.with.index()];
+        Some([at(low_m)?, at(high_m)?])
+    }
+
+    /// What each parameter of an effect moves the tip along an axis by at a reading of the other (m per unit), all temperatures of a row raised.
     fn along(
         &self,
         effect: &dyn Effect,
-        (reading, axis): (usize, Axis),
+        (reading, motion): (usize, &Motion),
         (at_m, raised_k): (f64, f64),
     ) -> Option<Vec<f64>> {
         let own = &self.campaign.readings[reading];
         let mut reading_m = own.reading_m;
-        reading_m[axis.index()] = at_m;
+        reading_m[motion.with.index()] = at_m;
         let warmer = Warmer { row: CampaignRow { campaign: self.campaign, reading }, raised_k };
         let state = State { reading_m, offset_m: own.offset_m, covariates: &warmer };
-        along_columns(effect, effect.parameters().len(), &state, axis).ok()
+        along_columns(effect, effect.parameters().len(), &state, motion.along).ok()
     }
 
-    fn open(&self, (axis, of_axis): (Axis, &OfAxis), sensor: usize) -> Open {
-        let column = &of_axis.logged[sensor];
-        // The line that the fit makes of an expansion about one temperature is the distance to that at which it measured.
-        let moved_k = self.slope(&of_axis.reach(sensor, 0.0), axis);
-        let at_c = of_axis.mean_c[sensor] + moved_k;
+    fn open(&self, (motion, of_motion): (&Motion, &OfMotion), sensor: usize) -> Open {
+        let column = &of_motion.logged[sensor];
+        // What the fit makes of a motion about one temperature is the distance to that at which it measured.
+        let moved_k = self.taken(&of_motion.reach(sensor, 0.0), motion);
+        let at_c = of_motion.mean_c[sensor] + moved_k;
         let (mut square_k2, mut count) = (0.0, 0.0);
         for k in self.used() {
             square_k2 += (column.values_c[k] - at_c).powi(2);
             count += 1.0;
         }
-        let second = self.second(of_axis.left(sensor, moved_k), of_axis.gradient(sensor, moved_k));
-        Open { at_c, away_k: (square_k2 / count).sqrt(), second, reach: of_axis.reach(sensor, moved_k) }
+        let second = self.second(motion, of_motion.left(sensor, moved_k), of_motion.gradient(sensor, moved_k));
+        Open { at_c, away_k: (square_k2 / count).sqrt(), second, reach: of_motion.reach(sensor, moved_k) }
     }
 
-    /// Expansion and push of an axis with these temperatures.
-    fn of_axis<'c>(&self, logged: &'c [Logged<'c>], axis: Axis) -> OfAxis<'c> {
-        let d = axis.index();
+    /// A motion and a push with these temperatures.
+    fn of_motion<'c>(&self, logged: &'c [Logged<'c>], motion: &Motion) -> OfMotion<'c> {
+        let d = motion.with.index();
         let middle_m = self.fit.model.middle_m()[d];
         let count = self.used().count() as f64;
         let mean = |column: &Logged| self.used().map(|k| column.values_c[k]).sum::<f64>() / count;
         let mean_c: Vec<f64> = logged.iter().map(mean).collect();
         let mut columns = Mat::zeros(self.rows.len(), PAIR * (1 + logged.len()));
         for k in self.used() {
-            let push = self.rows.along(k, ErrorId::linear(axis, axis));
-            let expansion = push * (self.campaign.readings[k].reading_m[d] - middle_m);
+            let push = self.rows.along(k, ErrorId::linear(motion.along, motion.with));
+            let moved = push * (self.campaign.readings[k].reading_m[d] - middle_m);
             let by = logged.iter().zip(&mean_c).map(|(column, mean_c)| column.values_c[k] - mean_c);
             for (pair, by) in by.chain([1.0]).enumerate() {
-                columns[(k, PAIR * pair)] = expansion * by;
+                columns[(k, PAIR * pair)] = moved * by;
                 columns[(k, PAIR * pair + 1)] = push * by;
             }
         }
@@ -265,12 +337,17 @@ impl Asked<'_> {
         let reach = &self.rows.covariance * &shared;
         let left = columns.transpose() * &columns - shared.transpose() * &reach;
         let gradient = (0..columns.ncols()).map(|j| dot(columns.col_as_slice(j), &self.rows.residuals)).collect();
-        OfAxis { logged, mean_c, reach, left, gradient }
+        OfMotion { logged, mean_c, reach, left, gradient }
     }
 
-    /// Slope (1) of the positioning error that stands in the first column of what the fit takes.
-    fn slope(&self, reach: &Mat<f64>, axis: Axis) -> f64 {
-        let (layout, id) = (self.fit.model.layout(), ErrorId::linear(axis, axis));
+    /// How much of such a motion stands in the first column of what the fit takes: as a slope of the positioning error, or as a squareness error.
+    fn taken(&self, reach: &Mat<f64>, motion: &Motion) -> f64 {
+        let (layout, axis) = (self.fit.model.layout(), motion.with);
+        if let Some((k, sign)) = motion.squareness {
+            let own = layout.squareness().start + k;
+            return self.rows.parameters.iter().position(|p| *p == own).map_or(0.0, |column| sign * reach[(column, 0)]);
+        }
+        let id = ErrorId::linear(axis, axis);
         let (low_m, high_m) = self.fit.model.parts().identified.reading_m[axis.index()];
         let Some(basis) = layout.basis(id).filter(|_| high_m > low_m) else { return 0.0 };
         let own = layout.range(id);
@@ -281,11 +358,12 @@ impl Asked<'_> {
         (basis.at(high_m).dot(&coefficients) - basis.at(low_m).dot(&coefficients)) / (high_m - low_m)
     }
 
-    /// Second moments of an expansion and a push of which the rows leave so much information, with this gradient.
-    fn second(&self, left: [[f64; PAIR]; PAIR], gradient: [f64; PAIR]) -> [[f64; PAIR]; PAIR] {
+    /// Second moments of a motion and a push of which the rows leave so much information, with this gradient.
+    fn second(&self, motion: &Motion, left: [[f64; PAIR]; PAIR], gradient: [f64; PAIR]) -> [[f64; PAIR]; PAIR] {
+        let usual = motion.usual();
         let factor = self.fit.evidence.chi2_per_dof.max(1.0);
         let information = |i: usize, j: usize| {
-            let prior = if i == j { [EXPANSION, PUSH][i].powi(-2) } else { 0.0 };
+            let prior = if i == j { usual[i].powi(-2) } else { 0.0 };
             // Rounding may leave less than nothing.
             let known = if i == j { left[i][i].max(0.0) } else { left[i][j] };
             known / factor + prior
@@ -293,7 +371,7 @@ impl Asked<'_> {
         let (a, b, c) = (information(0, 0), information(0, 1), information(1, 1));
         let determinant = a * c - b * b;
         if determinant.is_nan() || determinant <= 0.0 {
-            return [[EXPANSION.powi(2), 0.0], [0.0, PUSH.powi(2)]];
+            return [[usual[0].powi(2), 0.0], [0.0, usual[1].powi(2)]];
         }
         let covariance = [[c, -b], [-b, a]].map(|row| row.map(|value| value / determinant));
         let estimate = covariance.map(|row| (row[0] * gradient[0] + row[1] * gradient[1]) / factor);

@@ -227,7 +227,7 @@ impl Tally {
 /// Temperatures that the campaign logged and by which scales may expand.
 fn widening(model: &MachineModel) -> Vec<String> {
     let all = &model.parts().quality.unseen_expansions.by_sensor;
-    let widens = all.iter().filter(|unseen| unseen.per_kelvin.iter().any(|u| *u > 0.0));
+    let widens = all.iter().filter(|unseen| !unseen.is_none());
     widens.map(|unseen| unseen.sensor.clone()).collect()
 }
 

@@ -237,23 +237,34 @@ impl UnseenExpansionsRecord {
     }
 }
 
-/// What the data leave open of the expansion of X, Y and Z with a temperature.
+/// What the data leave open of the expansion of X, Y and Z with a temperature, and of the squareness errors in the order of the machine.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct UnseenExpansionRecord {
     sensor: String,
     per_kelvin: [f64; 3],
     at_c: [f64; 3],
+    /// In files of earlier software there is none.
+    #[serde(default)]
+    squareness_per_kelvin: [f64; 3],
+    #[serde(default)]
+    squareness_at_c: [f64; 3],
 }
 
 impl UnseenExpansionRecord {
     fn of(unseen: &UnseenExpansion) -> UnseenExpansionRecord {
-        let UnseenExpansion { sensor, per_kelvin, at_c } = unseen.clone();
-        UnseenExpansionRecord { sensor, per_kelvin, at_c }
+        let UnseenExpansion { sensor, per_kelvin, at_c, squareness_per_kelvin, squareness_at_c } = unseen.clone();
+        UnseenExpansionRecord { sensor, per_kelvin, at_c, squareness_per_kelvin, squareness_at_c }
     }
 
     fn unseen(self) -> UnseenExpansion {
-        UnseenExpansion { sensor: self.sensor, per_kelvin: self.per_kelvin, at_c: self.at_c }
+        UnseenExpansion {
+            sensor: self.sensor,
+            per_kelvin: self.per_kelvin,
+            at_c: self.at_c,
+            squareness_per_kelvin: self.squareness_per_kelvin,
+            squareness_at_c: self.squareness_at_c,
+        }
     }
 }
 

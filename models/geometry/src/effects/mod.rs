@@ -228,8 +228,8 @@ pub fn tip_columns(
     Ok(columns)
 }
 
-/// What a unit of each of the effect's `count` parameters moves the tip along an axis by (m per unit), as its positioning error or as a
-/// motion of the tip: not by levers of its rotations, nor by errors of other axes.
+/// What a unit of each of the effect's `count` parameters moves the tip along an axis by (m per unit), as a linear error of any axis or as a
+/// motion of the tip: not by levers of rotations.
 pub fn along_columns(
     effect: &dyn Effect,
     count: usize,
@@ -238,7 +238,8 @@ pub fn along_columns(
 ) -> Result<Vec<f64>, CovariateProblem> {
     let mut columns = vec![0.0; count];
     effect.motion(state, &mut |parameter, acts, amount| {
-        if acts == Acts::Error(ErrorId::linear(axis, axis)) || acts == Acts::Tip(axis) {
+        let is_along = |own: &Axis| acts == Acts::Error(ErrorId::linear(axis, *own));
+        if acts == Acts::Tip(axis) || Axis::ALL.iter().any(is_along) {
             columns[parameter] += amount;
         }
     })?;

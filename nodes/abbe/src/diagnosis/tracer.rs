@@ -22,7 +22,7 @@ use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Expansion of a metre from which it is said (m/m, k = 2): less than most machines are specified to.
+/// Expansion of a metre or turn from which it is said (m/m or rad, k = 2): less than most machines are specified to.
 const LEAST_HIDDEN: f64 = 1e-6;
 
 /// A model file as it was given.
@@ -151,16 +151,30 @@ fn departure(given: &Given, fit: &MachineModel, loaded: &LoadedCampaign) -> Opti
     if is_its_own { None } else { Departure::of(&given.file.model, fit, &loaded.campaign) }
 }
 
-/// What expansions of the scales may be hidden: it stands in U where the temperature is another one.
+/// What expansions and turns may be hidden: it stands in U where the temperature is another one.
 fn hidden(model: &MachineModel) -> Option<String> {
-    let per_metre = model.unseen_expansion_at_the_ends();
-    let [x, y, z] = per_metre.map(|of_axis| digits::result(2e6 * of_axis));
-    per_metre.iter().any(|of_axis| 2.0 * of_axis >= LEAST_HIDDEN).then(|| {
+    let stretched = hidden_by(model.unseen_expansion_at_the_ends(), |[x, y, z]| {
+        format!("the scales may stretch by {x}, {y} and {z} µm per metre of X, Y and Z")
+    });
+    let squareness = &model.parts().machine.squareness;
+    let turned = hidden_by(model.unseen_turn_at_the_ends(), |values| {
+        let each = squareness.iter().zip(values).map(|(own, value)| format!("{} by {value}", own.name));
+        format!("squareness may change, {} µrad", each.collect::<Vec<String>>().join(", "))
+    });
+    let all: Vec<String> = stretched.into_iter().chain(turned).collect();
+    (!all.is_empty()).then(|| {
         format!(
-            "Expansions of the scales may hide in these data: {x}, {y} and {z} µm per metre of X, Y and Z at the coldest or warmest that was logged \
-             (k = 2). U holds them there and beyond, but for a shift that all points share, which the datum of a part takes out."
+            "What goes with the temperature may hide in these data: at the coldest or warmest that was logged, {} (k = 2). U holds it there and \
+             beyond, but for a shift that all points share, which the datum of a part takes out.",
+            all.join(", and ")
         )
     })
+}
+
+/// Says what of three is worth saying (m/m or rad, k = 1).
+fn hidden_by(open: [f64; 3], say: impl FnOnce([String; 3]) -> String) -> Option<String> {
+    let is_worth = open.iter().any(|own| 2.0 * own >= LEAST_HIDDEN);
+    is_worth.then(|| say(open.map(|own| digits::result(2e6 * own))))
 }
 
 /// Diagnoses a campaign; `observe` sees the progress and returns false to stop.

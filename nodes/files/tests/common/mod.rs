@@ -75,6 +75,8 @@ pub(crate) fn model(seed: u64) -> ModelFile {
                     sensor: "temp_y_c".to_owned(),
                     per_kelvin: [1e-6 / 3.0, 0.0, 2e-6],
                     at_c: [20.1, 19.9, 20.0],
+                    squareness_per_kelvin: [3e-6, 1e-6 / 3.0, 0.0],
+                    squareness_at_c: [20.3, 20.0 + 1.0 / 3.0, 20.0],
                 }],
                 absorbed: vec![(0..total).map(|k| 1e-7 / (k + 3) as f64).collect()],
             },

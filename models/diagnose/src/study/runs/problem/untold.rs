@@ -113,7 +113,7 @@ impl Runs {
     pub(super) fn unseen(&self, open: &Open) -> Vec<UnseenExpansion> {
         let names: BTreeSet<&String> = self.runs.iter().flat_map(|run| run.covariates.keys()).collect();
         let one = |name: &String| {
-            let mut all = UnseenExpansion { sensor: name.clone(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
+            let mut all = UnseenExpansion { sensor: name.clone(), ..UnseenExpansion::default() };
             for (of, axis) in self.axes.iter().enumerate() {
                 let Some(own) = axis_of(&axis.name) else { continue };
                 let values = axis.rows.iter().filter_map(|row| self.runs[*row].covariates.get(name));

@@ -27,7 +27,7 @@ impl Vectors<'_> {
                     false => 0.0,
                 }
             });
-            UnseenExpansion { per_kelvin, at_c: [sum / f64::max(count, 1.0); 3], sensor }
+            UnseenExpansion { per_kelvin, at_c: [sum / f64::max(count, 1.0); 3], sensor, ..UnseenExpansion::default() }
         };
         names.map(one).collect()
     }
