@@ -47,10 +47,14 @@ pub struct ClockShift {
 impl ClockShift {
     /// What it is and what to do, for readers.
     pub fn words(&self) -> String {
-        let (later, ahead) = if self.shift_s > 0.0 { ("later", "ahead of") } else { ("earlier", "behind") };
+        // A sensor shows late what acts at once.
+        let (later, ahead, slow) = match self.shift_s > 0.0 {
+            true => ("later", "ahead of", ", or its sensors are that slow"),
+            false => ("earlier", "behind", ""),
+        };
         format!(
             "{} is explained far better by what was logged some {:.0} s {later} (evidence {:.0}): the clock of the log is that much {ahead} \
-             the clock of the readings, or heat takes another way than past these sensors. What follows the log is not adopted. \
+             the clock of the readings{slow}, or heat takes another way than past these sensors. What follows the log is not adopted. \
              Set the clocks, or move the log, and diagnose again.",
             capitalised(self.title),
             self.shift_s.abs(),

@@ -6,6 +6,7 @@
 //! the unit of their column; times in s.
 
 use crate::context::{is_of_the_room, range};
+use abbe_geometry::seen::TEMPERATURE;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_measurement::robust::median;
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,6 +15,9 @@ use std::collections::{BTreeMap, BTreeSet};
 const FAR: f64 = 10.0;
 /// Share of the readings from which a value that does not change is a log that stands still, where at least so many differ elsewhere.
 const STILL: f64 = 0.25;
+/// How many times as long as any other run of one value it is where it stood still for less, and fewest readings of such a run.
+const LONGER: usize = 20;
+const FEWEST_STILL: usize = 20;
 const DISTINCT: usize = 20;
 /// Error of drawing across a gap, as a share of the standard deviation of the column, up to which it is drawn.
 const DRAWN: f64 = 0.3;
@@ -135,11 +139,14 @@ impl Log<'_> {
     /// Takes out the longest run of one value, where that is no matter of the display.
     fn without_what_stands_still(&mut self) -> Option<String> {
         let of = |k: usize| self.order.get(k).and_then(|reading| self.values[*reading]);
-        let (mut longest, mut first) = (0..0, 0);
+        let (mut longest, mut second, mut first) = (0..0, 0, 0);
         for k in 0..=self.order.len() {
             if k == self.order.len() || of(k) != of(first) {
                 if of(first).is_some() && k - first > longest.len() {
+                    second = longest.len();
                     longest = first..k;
+                } else if of(first).is_some() {
+                    second = second.max(k - first);
                 }
                 first = k;
             }
@@ -147,7 +154,10 @@ impl Log<'_> {
         let mut others: Vec<f64> = (0..self.order.len()).filter(|k| !longest.contains(k)).filter_map(of).collect();
         others.sort_by(f64::total_cmp);
         others.dedup();
-        if (longest.len() as f64) < STILL * self.order.len() as f64 || others.len() < DISTINCT {
+        let is_long = longest.len() as f64 >= STILL * self.order.len() as f64;
+        // A temperature that scatters from reading to reading does not come to rest by itself; a load or a speed may.
+        let is_apart = self.name.ends_with(TEMPERATURE) && longest.len() >= FEWEST_STILL.max(LONGER * second);
+        if !(is_long || is_apart) || others.len() < DISTINCT {
             return None;
         }
         let value = of(longest.start)?;
@@ -371,6 +381,15 @@ mod tests {
         let (values, said) = mended_of(|k| Some(course(k.min(250))));
         assert!(values[399].is_none() && said[0].contains("stood still"), "{said:?}");
         let (_, said) = mended_of(|k| Some(course(k).round()));
+        assert!(said.is_empty(), "{said:?}");
+        // For a twelfth of the time only: of a log that changes at each reading, and of one that has few digits.
+        let still = |k: usize| if (200..232).contains(&k) { 200 } else { k };
+        let (values, said) = mended_of(|k| Some(course(still(k)) + 1e-4 * (still(k) % 7) as f64));
+        assert!(
+            said[0].contains("for 32 of") && values[216].is_none_or(|value| (value - course(216)).abs() < 0.05),
+            "{said:?}"
+        );
+        let (_, said) = mended_of(|k| Some((10.0 * course(still(k))).round() / 10.0));
         assert!(said.is_empty(), "{said:?}");
     }
 }

@@ -105,3 +105,75 @@ fn regress_a_wrong_declared_uncertainty_says_what_can_be_known() {
     assert!(!diagnosis.consistent_with_noise && diagnosis.effects.is_empty());
     assert!(scatter.says.contains("either the declared uncertainties are too small"), "{scatter:?}");
 }
+
+/// A printer at one place for four hours: its bed goes up in two steps, its frame follows slowly and takes back what the bed lifts, the chamber is
+/// logged as well. 2 µm/K by the bed, −9 µm/K by the frame, 4 µm of noise.
+fn warming(seed: u64) -> Vec<ResidualVector> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = |size: f64| size * ((0..12).map(|_| generator.random::<f64>()).sum::<f64>() - 6.0);
+    let (mut chamber, mut frame) = (22.0, 22.0);
+    (0..240)
+        .map(|k| {
+            let time_s = 60.0 * f64::from(k);
+            let bed = if time_s < 2500.0 { 22.0 + time_s / 66.0 } else { 60.0 + 35.0 * f64::from(time_s > 9000.0) };
+            chamber += (22.0 + 0.35 * (bed - 22.0) - chamber) / 25.0;
+            frame += (22.0 + 0.5 * (chamber - 22.0) - frame) / 67.0;
+            ResidualVector {
+                position_m: [0.175, 0.175, 0.0],
+                residual_m: [0.0, 0.0, 1e-6 * (2.0 * (bed - 22.0) - 9.0 * (frame - 22.0) + noise(4.0))],
+                residual_lacks: [true, true, false],
+                time_s: Some(time_s),
+                covariates: [
+                    ("temp_bed_c".to_owned(), bed + noise(0.1)),
+                    ("temp_chamber_c".to_owned(), chamber + noise(0.05)),
+                    ("temp_frame_c".to_owned(), frame + noise(0.02)),
+                ]
+                .into(),
+                ..ResidualVector::default()
+            }
+        })
+        .collect()
+}
+
+/// Neither is seen alone, and a form that bends with bed and time describes both: it fits, and predicted the next half hour five times worse.
+#[test]
+fn regress_two_straight_lines_that_take_each_other_back_are_found_as_such() {
+    for seed in 0..seeds(6) {
+        let diagnosis = study(&warming(seed));
+        let found = names(&diagnosis);
+        assert!(found.contains("smooth in temp_bed_c, degree 1, component z"), "seed {seed}: {found}");
+        assert!(!found.contains(" and "), "seed {seed}: {found}");
+        let after = diagnosis.unseen.after.as_ref().unwrap();
+        assert!(after.rms_um < 6.0, "seed {seed}: {:.2} µm", after.rms_um);
+    }
+}
+
+/// More quantities than are tried in pairs with each other: what goes with a position and any of them is found as such. It was told by a sensor that
+/// went along, as the right one came later in the alphabet.
+#[test]
+fn regress_every_logged_quantity_is_tried_with_the_position() {
+    let mut generator = ChaCha8Rng::seed_from_u64(5);
+    let mut normal = || (0..12).map(|_| generator.random::<f64>()).sum::<f64>() - 6.0;
+    let mut sensors_c = [20.0; 20];
+    let vectors: Vec<ResidualVector> = (0..240)
+        .map(|k| {
+            sensors_c.iter_mut().for_each(|value_c| *value_c += 0.1 * normal());
+            let position_m = [0, 1, 2].map(|_| 0.1 * normal());
+            let y_um = 30.0 * position_m[1].powi(2) * (sensors_c[19] - 20.0) / 0.01;
+            let covariates = sensors_c.iter().enumerate().map(|(n, value_c)| (format!("temp_{n:02}_c"), *value_c));
+            ResidualVector {
+                position_m,
+                residual_m: [1e-6 * normal(), 1e-6 * (y_um + normal()), 1e-6 * normal()],
+                time_s: Some(4.0 * f64::from(k)),
+                covariates: covariates.collect(),
+                ..ResidualVector::default()
+            }
+        })
+        .collect();
+    let diagnosis = study(&vectors);
+    let found = names(&diagnosis);
+    assert!(found.contains("smooth in y_m and temp_19_c, degree 3"), "{found}");
+    let sensors = (0..19).filter(|n| found.contains(&format!("temp_{n:02}_c")));
+    assert_eq!(sensors.count(), 0, "{found}");
+    assert!(diagnosis.notes.iter().any(|note| note.contains("with positions and the time")), "{:?}", diagnosis.notes);
+}

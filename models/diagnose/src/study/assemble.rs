@@ -1,21 +1,20 @@
 //! From the effects found to the diagnosis: ladder, gains, rivals, noise, what to measure next.
 //!
-//! Place in the flow: last step of every study. Gross rows go first; then the search runs on all rows, and once more
-//! where what it found shows other rows to be gross; then it is judged on blocks that it does not see.
+//! Place in the flow: last step of every study, after [`super::answer`].
 
-use super::candidate::{Forms, Open, Study};
-use super::confirm::{beyond_chance, confirmed, p_beside};
+use super::answer::Answer;
+use super::candidate::{Open, Study};
+use super::confirm::p_beside;
 use super::contradictions::contradictions;
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
-use super::nested::{Parts, SURE, unseen};
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
-use super::outcome::{Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen};
-use super::outliers::{Outliers, outliers};
-use super::placing::{Placed, beside_rejected, placed, tried};
+use super::outcome::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
+use super::outliers::outliers;
+use super::placing::{placed, tried};
 use super::scatter_left::scatter_left;
 use super::scored::{COMPARABLE, Scored};
-use super::search::{Found, Observe, StudyOptions, score_all, search};
+use super::search::{Found, Observe, StudyOptions, score_all};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
@@ -27,7 +26,6 @@ use crate::linear::{column, in_the_worst_way};
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use std::collections::BTreeSet;
 
 /// Alias share from which an effect found is mostly the model's own.
 pub(super) const ALIASED: f64 = 0.95;
@@ -35,14 +33,12 @@ pub(super) const ALIASED: f64 = 0.95;
 const NOTHING_M: f64 = 1e-12;
 /// What was not looked at because the user vouches for it.
 const CHECKED: &str = "That neither the instrument nor what was measured on drifted is as declared: what goes with the time was taken for the machine's.";
-/// Why a study that was stopped is not judged.
-const STOPPED: &str = "the study was stopped before parts of the data were left out";
 /// What a study that was stopped is worth.
 const PARTIAL: &str = "The study was stopped on request: what it had found by then is here, more may be missing, and no step was judged on data that the search did not see.";
+/// The same where only the comparison with what goes straight is missing.
+const NOT_COMPARED: &str = "The study was stopped on request, before it was asked whether forms that go straight with a quantity predict better than those found.";
 /// Variance that a period adds to that of a phase.
 const OF_PERIOD: f64 = 2.0;
-/// Searches on all rows at most: each may show other rows to be gross.
-const SEARCHES: usize = 3;
 
 /// Searches and says what was found.
 pub(super) fn diagnose(
@@ -53,11 +49,7 @@ pub(super) fn diagnose(
     let rows = refuse_nothing(study)?;
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
     let first = outliers(study, &[], |_| true)?;
-    let mut answer = Answer::of(study, (rows, &first), options, observe)?;
-    let is_done = !answer.found.is_stopped;
-    if is_done && answer.found.set.is_empty() && !answer.unconfirmed.is_empty() && study.offer(Forms::Straight) {
-        answer = answer.or_straight(study, (rows, &first), options, observe)?;
-    }
+    let answer = Answer::of(study, (rows, &first), options, observe)?;
     let Answer { found, gross, unseen, unconfirmed, .. } = answer;
     let left_out = gross.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
@@ -100,7 +92,8 @@ pub(super) fn diagnose(
     let next_measurements = next_measurements(&not_identifiable);
     let hidden = notes_of_displays(&view);
     let checked = options.instrument_checked.then(|| CHECKED.to_owned()).into_iter().collect();
-    let partial = found.is_stopped.then(|| PARTIAL.to_owned()).into_iter().collect();
+    let stopped = if unseen.after.is_some() { NOT_COMPARED } else { PARTIAL };
+    let partial = found.is_stopped.then(|| stopped.to_owned()).into_iter().collect();
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
@@ -127,69 +120,6 @@ pub(super) fn diagnose(
         is_stopped: found.is_stopped,
         notes: [partial, study.notes(), hidden, checked].concat(),
     })
-}
-
-/// What a search found and what predicts of it.
-struct Answer {
-    found: Found,
-    gross: Outliers,
-    unseen: Unseen,
-    parts: Parts,
-    /// What fits and does not predict.
-    unconfirmed: Vec<Look>,
-}
-
-impl Answer {
-    /// `first` are the gross rows before anything was found.
-    fn of(
-        study: &mut dyn Study,
-        (rows, first): (usize, &Outliers),
-        options: &StudyOptions,
-        observe: &mut Observe,
-    ) -> Result<Answer, DiagnoseError> {
-        let (mut found, gross) = searched(study, rows, first.clone(), options, observe)?;
-        let (mut unseen, parts) = judged(study, (rows, first), &mut found, options, observe)?;
-        let left_out = gross.rows(study);
-        let mut unconfirmed = Vec::new();
-        loop {
-            unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
-            if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
-                break;
-            }
-        }
-        let unconfirmed = unconfirmed.iter().map(|own| own.look(found.set.is_empty())).collect();
-        Ok(Answer { found, gross, unseen, parts, unconfirmed })
-    }
-
-    /// What bends with a quantity fits more, and runs off beyond what it was fitted to: where nothing of it predicts, what straight forms say is asked.
-    /// It must be the surer for being the second of two tries.
-    fn or_straight(
-        self,
-        study: &mut dyn Study,
-        given: (usize, &Outliers),
-        options: &StudyOptions,
-        observe: &mut Observe,
-    ) -> Result<Answer, DiagnoseError> {
-        let straight = Answer::of(study, given, options, observe)?;
-        let is_stopped = straight.found.is_stopped;
-        let (set, surer) = (&straight.found.set, 1.0 - (1.0 - SURE) / 2.0);
-        let judged = Placed::around(study, set, |study| straight.parts.of(study, set, surer));
-        study.offer(Forms::All);
-        let is_surer =
-            |(before, after, is_sure): (HeldOutRms, HeldOutRms, bool)| is_sure && after.rms_um < before.rms_um;
-        if is_stopped {
-            return Err(DiagnoseError::Stopped);
-        }
-        if straight.found.set.is_empty() || !judged.is_some_and(is_surer) {
-            // Nothing was found before, so that nothing is set.
-            study.reset();
-            return Ok(self);
-        }
-        let unconfirmed = [self.unconfirmed, straight.unconfirmed].concat();
-        let refused = [self.found.refused, straight.found.refused].concat();
-        let found = Found { considered: self.found.considered, refused, ..straight.found };
-        Ok(Answer { found, unconfirmed, ..straight })
-    }
 }
 
 /// Number of rows, where any of them is off by what an instrument shows beyond what the base model takes out.
@@ -283,70 +213,6 @@ fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
         }
     }
     terms
-}
-
-/// The judgement on blocks that the search did not see; where it is stopped, what was found stays, unjudged.
-fn judged(
-    study: &mut dyn Study,
-    (rows, first): (usize, &Outliers),
-    found: &mut Found,
-    options: &StudyOptions,
-    observe: &mut Observe,
-) -> Result<(Unseen, Parts), DiagnoseError> {
-    let gross = first.rows(study);
-    let not_judged = |gross| {
-        let because = STOPPED.to_owned();
-        (Unseen { missing_because: Some(because), ..Unseen::default() }, Parts::none(rows, gross))
-    };
-    if found.is_stopped {
-        return Ok(not_judged(gross));
-    }
-    let all: Vec<usize> = (0..study.candidates().len()).collect();
-    match Placed::around(study, &all, |study| unseen(study, rows, &gross, options, observe)) {
-        Err(DiagnoseError::Stopped) if !found.set.is_empty() => {
-            found.is_stopped = true;
-            Ok(not_judged(gross))
-        }
-        judged => judged,
-    }
-}
-
-/// What the search finds on all rows but the gross ones, and these.
-fn searched(
-    study: &mut dyn Study,
-    rows: usize,
-    mut gross: Outliers,
-    options: &StudyOptions,
-    observe: &mut Observe,
-) -> Result<(Found, Outliers), DiagnoseError> {
-    let mut seen: Vec<BTreeSet<usize>> = Vec::new();
-    let mut last: Option<(Placed, Found, Outliers)> = None;
-    loop {
-        study.reset();
-        let left_out = gross.rows(study);
-        let mut view = View::new(study, rows, |row| !left_out.contains(&row));
-        let found = match (search(&mut view, options, None, observe), last) {
-            // One that was done is worth more than part of another.
-            (Err(DiagnoseError::Stopped) | Ok(Found { is_stopped: true, .. }), Some((placed, found, gross))) => {
-                let (placed, found): (Placed, Found) = (placed, found);
-                placed.take(study);
-                return Ok((Found { is_stopped: true, ..found }, gross));
-            }
-            (found, _) => found?,
-        };
-        seen.push(left_out);
-        if found.is_stopped {
-            return Ok((found, gross));
-        }
-        let next = outliers(study, &found.set, |_| true)?;
-        let next = beside_rejected(study, &found.set, next)?;
-        if seen.contains(&next.rows(study)) || seen.len() == SEARCHES {
-            return Ok((found, gross));
-        }
-        let all: Vec<usize> = (0..study.candidates().len()).collect();
-        last = Some((Placed::of(study, &all), found, gross));
-        gross = next;
-    }
 }
 
 /// Parameters of a candidate in a fit, with the degrees of freedom that their uncertainty rests on.

@@ -297,6 +297,11 @@ pub(crate) trait Study: Sync {
         true
     }
 
+    /// Whether a candidate describes one chain by a straight line, with one parameter: such are tried in pairs as well.
+    fn is_line(&self, _candidate: usize) -> bool {
+        false
+    }
+
     /// Whether a candidate is what an instrument alone can do.
     fn is_of_instrument(&self, _candidate: usize) -> bool {
         false

@@ -7,6 +7,7 @@
 //! after another where blocks left out are predicted better, and removed again where others take their place. Gross rows
 //! are rejected and named before. The whole search is then judged on blocks that no step of it saw.
 
+mod answer;
 mod assemble;
 mod beside;
 mod between;
@@ -39,6 +40,7 @@ mod step;
 mod terms;
 mod together;
 mod told;
+mod two_lines;
 pub mod vectors;
 mod view;
 mod waves;

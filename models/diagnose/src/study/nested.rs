@@ -109,12 +109,19 @@ impl Parts {
         set: &[usize],
         probability: f64,
     ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
-        let families: BTreeSet<String> = set.iter().map(|k| study.candidates()[*k].family.clone()).collect();
-        self.each(study, probability, |study, part| {
-            part.placed.take(study);
-            let is_own = |k: &usize| families.contains(&study.candidates()[*k].family);
-            part.placed.set().filter(is_own).collect()
-        })
+        let own = of_families(study, set);
+        let judged = self.each(study, own)?;
+        Some(self.figures(study, &judged, probability))
+    }
+
+    /// Error of each part with what is of the families of a set, or with all that was found without it; `None` where a part cannot be judged
+    /// so.
+    pub(super) fn after(&self, study: &mut dyn Study, set: Option<&[usize]>) -> Option<Vec<HeldOut>> {
+        let judged = match set.map(|set| of_families(study, set)) {
+            Some(own) => self.each(study, own),
+            None => self.each(study, found),
+        };
+        Some(judged?.iter().map(|own| own.errors.1).collect())
     }
 
     /// Error before and after with a set that was chosen on all data, fitted without each part, and whether it comes down with this
@@ -125,22 +132,18 @@ impl Parts {
         set: &[usize],
         probability: f64,
     ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
-        self.each(study, probability, |_, _| set.to_vec())
+        let judged = self.each(study, |_, _| set.to_vec())?;
+        Some(self.figures(study, &judged, probability))
     }
 
-    /// The same with the set that each part is to be predicted with.
-    fn each(
-        &self,
-        study: &mut dyn Study,
-        probability: f64,
-        set: impl Fn(&mut dyn Study, &Part) -> Vec<usize>,
-    ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
+    /// Each part, predicted with a set of its own.
+    fn each(&self, study: &mut dyn Study, set: impl Fn(&mut dyn Study, &Part) -> Vec<usize>) -> Option<Vec<Judged>> {
         let one = |part: &Part| {
             let set = set(study, part);
             self.judged(&mut self.view(study, part), &set, &part.left_out).ok()
         };
         let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
-        (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
+        (!judged.is_empty()).then_some(judged)
     }
 
     /// Parts that were left out in turn.
@@ -172,6 +175,22 @@ impl Parts {
         let (before, after): (Vec<HeldOut>, Vec<HeldOut>) = judged.iter().map(|own| own.errors).unzip();
         let weighed: (Vec<HeldOut>, Vec<HeldOut>) = judged.iter().map(|own| own.weighed).unzip();
         (rms_of(&view, &before), rms_of(&view, &after), comes_down(&weighed.0, &weighed.1, probability))
+    }
+}
+
+/// What was found without a part, where it was found.
+fn found(study: &mut dyn Study, part: &Part) -> Vec<usize> {
+    part.placed.take(study);
+    part.placed.set().collect()
+}
+
+/// Of that, what is of the families of a set.
+fn of_families(study: &dyn Study, set: &[usize]) -> impl Fn(&mut dyn Study, &Part) -> Vec<usize> + use<> {
+    let families: BTreeSet<String> = set.iter().map(|k| study.candidates()[*k].family.clone()).collect();
+    move |study, part| {
+        let mut own = found(study, part);
+        own.retain(|k| families.contains(&study.candidates()[*k].family));
+        own
     }
 }
 

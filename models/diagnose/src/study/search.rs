@@ -14,6 +14,7 @@ use super::reasons::{is_told_from_position, reason_against, reason_of_blocks, st
 use super::scored::{COMPARABLE, Scored};
 use super::series::Theta;
 use super::significance::probability;
+use super::two_lines::TwoLines;
 use super::view::View;
 use super::waves::tuned;
 use crate::error::DiagnoseError;
@@ -192,7 +193,10 @@ pub(super) fn search(
         };
         let next = match next {
             Some(next) => Some(next),
-            None => step(view, &fit, scored, options, &mut refused)?,
+            None => {
+                let lines = TwoLines::best(view, &fit);
+                step(view, &fit, (scored, lines), options, &mut refused)?
+            }
         };
         let next = match next {
             Some(next) => Some(next),
@@ -257,25 +261,30 @@ fn names_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<
 }
 
 /// Scores as if the noise were white; nothing where it is taken as such. The gate decides with what the noise may be.
-fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<Vec<Scored>>, DiagnoseError> {
+fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<(Vec<Scored>, Option<TwoLines>)>, DiagnoseError> {
     let noises = view.noises();
     if noises.iter().all(|noise| noise.theta == Theta::WHITE) {
         return Ok(None);
     }
     view.take_white(fit);
-    let scored = Fit::settle(view, &fit.set()).map(|white| refined(view, &white));
+    let scored = Fit::settle(view, &fit.set()).map(|white| (refined(view, &white), TwoLines::best(view, &white)));
     view.take_noises(noises);
     scored.map(Some)
 }
 
-/// The set with the best candidate that passes everything.
+/// The set with the best candidate that passes everything, or with two straight lines at once.
 fn step(
     view: &mut View,
     fit: &Fit,
-    mut passing: Vec<Scored>,
+    (mut passing, lines): (Vec<Scored>, Option<TwoLines>),
     options: &StudyOptions,
     refused: &mut Vec<(usize, &'static str)>,
 ) -> Result<Option<Vec<usize>>, DiagnoseError> {
+    if let Some(lines) = lines
+        && let Some(set) = lines.passed(view, fit, &passing, options.significance)?
+    {
+        return Ok(Some(set));
+    }
     let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
     passing.retain(|scored| scored.p_holm <= options.significance);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));

@@ -36,7 +36,7 @@ const ASSUMED_M: f64 = 1e-6;
 const FEWEST_BLOCKS: usize = 3;
 /// Highest degree of the polynomials that single rows are held against.
 const RICH: usize = 4;
-/// Quantities that are tried in pairs: their number grows with the square.
+/// Quantities that are tried in pairs with each other, as the number of pairs grows with the square. With positions and the time all are.
 const IN_PAIRS: usize = 16;
 
 /// What a candidate is made of.
@@ -415,6 +415,10 @@ impl Study for Vectors<'_> {
 
     fn is_offered(&self, candidate: usize) -> bool {
         self.is_next(candidate) && self.is_of_forms(candidate)
+    }
+
+    fn is_line(&self, candidate: usize) -> bool {
+        matches!(&self.parts[candidate], Part::Smooth(_, bent) if bent.shape.is_straight() && bent.kept.len() == 1)
     }
 
     fn is_of_instrument(&self, candidate: usize) -> bool {

@@ -14,6 +14,11 @@ pub(super) const PLAUSIBLE_M: f64 = 1e-3;
 pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
 pub(super) const TIME: &str = "time_s";
 
+/// Whether a quantity is a position or the time: what a machine does with a temperature goes with where it stands.
+pub(super) fn leads(name: &str) -> bool {
+    POSITION.contains(&name) || name == TIME
+}
+
 /// Quantities that vary and stand beside every vector; the others with what they lack.
 pub(super) fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
     let (mut quantities, mut untestable) = (Vec::new(), Vec::new());

@@ -63,8 +63,8 @@ pub(super) enum Shape {
 }
 
 impl Shape {
-    /// All shapes worth testing.
-    pub(super) fn all(quantities: &[Quantity], in_pairs: usize) -> Vec<Shape> {
+    /// All shapes worth testing, of two quantities where these are a pair.
+    pub(super) fn all(quantities: &[Quantity], is_pair: impl Fn(usize, usize) -> bool) -> Vec<Shape> {
         let mut shapes = Vec::new();
         for (k, quantity) in quantities.iter().enumerate() {
             let degrees = [1, 2, 4].into_iter().filter(|degree| *degree < quantity.levels);
@@ -73,8 +73,8 @@ impl Shape {
                 shapes.extend(TURNS.map(|times| Shape::Turn { quantity: k, times }));
             }
         }
-        for first in 0..in_pairs.min(quantities.len()) {
-            for second in first + 1..in_pairs.min(quantities.len()) {
+        for first in 0..quantities.len() {
+            for second in (first + 1..quantities.len()).filter(|second| is_pair(first, *second)) {
                 shapes.push(Shape::Product { first, second });
                 shapes.extend([2, 3].map(|degree| Shape::Two { first, second, degree }));
             }
@@ -264,7 +264,7 @@ mod tests {
     fn columns_are_as_many_as_parameters_and_follow_the_formula() {
         let quantity = |name: &str, values: [f64; 3]| Quantity::new(name, values.into(), (0.0, 90.0));
         let quantities = [quantity("j_deg", [0.0, 45.0, 90.0]), quantity("temp_c", [90.0, 45.0, 0.0])];
-        for shape in Shape::all(&quantities, 2) {
+        for shape in Shape::all(&quantities, |_, _| true) {
             assert_eq!(shape.columns(&quantities, &[1]).ncols(), shape.parameters().len(), "{shape:?}");
         }
         let at = |shape: Shape, vector: usize| -> Vec<f64> {

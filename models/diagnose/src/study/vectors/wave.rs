@@ -20,6 +20,8 @@ use std::f64::consts::TAU;
 pub(super) const REGISTERED: &str = "periodic_scale";
 /// Cycles over the range of positions that are scanned, and their step: between two a wave loses a fifth at most, and the best is refined.
 const CYCLES: (f64, f64) = (2.0, 200.0);
+/// Fewest cycles of what is called a wave. Fewer describe a smooth error: of vectors that a model leaves, what its functions could not bend to.
+const NAMED: f64 = 5.0;
 const STEP: f64 = 0.5;
 /// Waves of one axis at most.
 const MOST: usize = 6;
@@ -69,11 +71,13 @@ impl Wave {
     }
 
     pub(super) fn candidate(&self) -> Candidate {
-        let axis = self.axis.lower();
+        let (axis, period_mm) = (self.axis.lower(), 1e3 / self.frequency);
+        let cycles = CYCLES.0 * self.frequency / self.scan.0;
+        let decimals = if period_mm < 100.0 { 4 } else { 1 };
         Candidate {
-            name: format!("{} of {}, period {:.4} mm", self.known.title, self.axis.letter(), 1e3 / self.frequency),
+            name: format!("{} of {}, period {period_mm:.decimals$} mm", self.known.title, self.axis.letter()),
             formula: format!("{}; typical {}", self.known.formula, self.known.typical),
-            kind: Explanation::Attributed,
+            kind: if cycles < NAMED { Explanation::Empirical } else { Explanation::Attributed },
             family: format!("{REGISTERED} {axis}"),
             covariates: Vec::new(),
             parameters: self.parameters.clone(),

@@ -5,7 +5,7 @@
 use super::super::drift::Drift;
 use super::super::linear::{Named, unseen};
 use super::super::plate::calibration_words;
-use super::super::quantities::{POSITION, TIME};
+use super::super::quantities::{POSITION, TIME, leads};
 use super::super::registered::registered;
 use super::super::shape::{Bent, Quantity, Shape};
 use super::super::wave::Wave;
@@ -99,7 +99,9 @@ impl Vectors<'_> {
     }
 
     pub(super) fn add_smooth(&mut self) {
-        for shape in Shape::all(&self.quantities, IN_PAIRS) {
+        let leads = |k: usize| leads(&self.quantities[k].name);
+        let is_pair = |first: usize, second: usize| second < IN_PAIRS || leads(first) || leads(second);
+        for shape in Shape::all(&self.quantities, is_pair) {
             let bent = shape.bent(&self.quantities, |k| self.is_spanned(k));
             if bent.kept.is_empty() {
                 continue;
@@ -209,7 +211,10 @@ impl Vectors<'_> {
         notes.extend(self.notes.iter().cloned());
         if self.quantities.len() > IN_PAIRS {
             let names: Vec<&str> = self.quantities[IN_PAIRS..].iter().map(|quantity| quantity.name.as_str()).collect();
-            notes.push(format!("Not tried in pairs, only alone: {}.", names.join(", ")));
+            notes.push(format!(
+                "Tried alone and with positions and the time, not with each other: {}.",
+                names.join(", ")
+            ));
         }
         notes
     }
