@@ -46,6 +46,11 @@ pub(crate) fn growth(name: &str, (low, high): (f64, f64), value: f64) -> f64 {
     }
 }
 
+/// Whether a quantity of a known kind changed more over its range than such a quantity does anywhere.
+pub fn is_changed(name: &str, (low, high): (f64, f64)) -> bool {
+    least_beyond(name).is_some_and(|usual| usual > 0.0 && high - low > usual)
+}
+
 /// How far beyond its range a quantity that no effect reads is still as in the campaign, at least, in the unit of its name; `None` where
 /// its kind is not judged.
 fn least_beyond(name: &str) -> Option<f64> {

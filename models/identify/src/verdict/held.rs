@@ -112,6 +112,6 @@ fn is_misfit(finding: &Finding) -> bool {
     match finding.subject {
         Subject::Rejected { .. } => finding.causes.contains(&Cause::Lacks),
         Subject::Noise { chi2_per_dof, .. } => chi2_per_dof > 1.0,
-        Subject::Stroke { .. } | Subject::Sampled { .. } => false,
+        Subject::Stroke { .. } | Subject::ByStation { .. } | Subject::Sampled { .. } => false,
     }
 }

@@ -17,6 +17,7 @@
 //!   message, below half a warning, up to a tenth a refusal (inches taken for millimetres are 3.9 %, metres 0.1 %, centimetres
 //!   10 % of a full stroke).
 
+mod by_station;
 mod causes;
 mod coverage;
 mod held;
@@ -86,6 +87,11 @@ pub enum Subject {
     Stroke {
         /// Axis letters and the share of the stroke that their readings span.
         shares: Vec<(char, f64)>,
+    },
+    /// Logged quantities had one value at each station.
+    ByStation {
+        /// The quantities.
+        names: Vec<String>,
     },
     /// Readings lie at whole multiples of a step.
     Sampled {

@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: the entry point for `identify` and `diagnose`.
 
+use super::by_station::by_station;
 use super::causes::{Cause, Residuals};
 use super::misfit::MISTAKEN;
 use super::{Counted, Finding, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke};
@@ -35,7 +36,8 @@ pub fn of_campaign(campaign: &Campaign, fit: &Identified) -> Verdict {
     let sampled = equal_steps([true; 3], campaign.readings.iter().map(|reading| reading.reading_m));
     let too_many = rejected.as_ref().is_some_and(|finding| finding.grade == Grade::Refusal);
     let widening = if too_many { all_over_used(fit, degrees) } else { 1.0 };
-    Verdict::new([rejected, noise, driven, sampled].into_iter().flatten().collect(), widening)
+    let told = [rejected, noise, driven, sampled, by_station(campaign)];
+    Verdict::new(told.into_iter().flatten().collect(), widening)
 }
 
 fn with_causes(mut finding: Finding, causes: impl Fn() -> Vec<Cause>) -> Finding {

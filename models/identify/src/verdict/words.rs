@@ -48,6 +48,12 @@ impl fmt::Display for Subject {
                     shares.iter().map(|(letter, share)| format!("{:.1} % of {letter}", share * 100.0)).collect();
                 write!(f, "the data cover {} only", shares.join(", "))
             }
+            Subject::ByStation { names } => write!(
+                f,
+                "{} had one value at each station: what it does to the machine cannot be told from where the stations stand, and is not in U; where it \
+                 matters, change it for some lines while a station stands",
+                names.join(", ")
+            ),
             Subject::Sampled { steps } => {
                 let steps: Vec<String> =
                     steps.iter().map(|(letter, m)| format!("{:.2} mm along {letter}", m * 1e3)).collect();
