@@ -21,6 +21,7 @@ use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tips::{Tips, asked_m};
 
@@ -235,9 +236,18 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdic
             sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{} um", digits::result(m * 1e6)))
         );
     }
+    print_unsolved(solved);
+}
+
+/// Points that were not solved, by reason, with the first of each: a campaign of lines has thousands that one station saw.
+fn print_unsolved(solved: &MultiStation) {
+    let mut by_reason: BTreeMap<String, (usize, usize)> = BTreeMap::new();
     for missing in &solved.unsolved {
-        let at = solved.targets[missing.target].reading_m * 1e3;
-        println!("  not solved        ({:.3}, {:.3}, {:.3}) mm: {}", at.x, at.y, at.z, missing.why);
+        by_reason.entry(missing.why.to_string()).or_insert((0, missing.target)).0 += 1;
+    }
+    for (why, (count, first)) in by_reason {
+        let at = solved.targets[first].reading_m * 1e3;
+        println!("  not solved        {count}, the first at ({:.3}, {:.3}, {:.3}) mm: {why}", at.x, at.y, at.z);
     }
 }
 

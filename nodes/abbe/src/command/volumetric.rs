@@ -15,6 +15,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
+use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_report::{Identity, digits};
 use anyhow::{Context, bail, ensure};
 use measured::{Comparison, MeasuredDiagonal};
@@ -54,6 +55,9 @@ pub(crate) struct Arguments {
     identity: IdentityOptions,
 }
 
+/// Why the error of a machine is given without that as well.
+const ALIGNED: &str = "which the datum of a part takes out";
+
 /// Everything that is written.
 pub(crate) struct Answer {
     who: Identity,
@@ -78,6 +82,16 @@ impl Answer {
 
     fn rms_m(&self) -> f64 {
         (self.map.iter().map(|p| p.error_m.norm_squared()).sum::<f64>() / self.map.len().max(1) as f64).sqrt()
+    }
+
+    /// Largest and rms error (m) where the whole map is shifted and turned to fit best; `None` of a map that does not fix how it lies.
+    fn aligned_m(&self) -> Option<(f64, f64)> {
+        let indicated_m: Vec<Vector3<f64>> = self.map.iter().map(|point| Vector3::from(point.reading_m)).collect();
+        let actual_m: Vec<Vector3<f64>> =
+            self.map.iter().map(|point| Vector3::from(point.reading_m) + point.error_m).collect();
+        let left_m = aligned_residuals_m(&indicated_m, &actual_m).ok()?;
+        let square = left_m.iter().map(Vector3::norm_squared).sum::<f64>() / left_m.len() as f64;
+        Some((left_m.iter().map(Vector3::norm).fold(0.0, f64::max), square.sqrt()))
     }
 
     fn extrapolated(&self) -> usize {
@@ -285,6 +299,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
             })
         })
         .collect();
+    let aligned_um = answer.aligned_m().map(|(largest_m, rms_m)| (largest_m * 1e6, rms_m * 1e6));
     let value = json!({
         "machine": answer.machine,
         "model_doubts": answer.doubts,
@@ -294,6 +309,8 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
         "largest_um": answer.largest().map(|p| p.error_m.norm() * 1e6),
         "largest_at_mm": answer.largest().map(|p| p.reading_m.map(|v| v * 1e3)),
         "rms_um": answer.rms_m() * 1e6,
+        "aligned_largest_um": aligned_um.map(|(largest, _)| largest),
+        "aligned_rms_um": aligned_um.map(|(_, rms)| rms),
         "diagonals": diagonals,
         "compared": compared,
     });
@@ -310,6 +327,12 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
         println!(
             "  volumetric error  {error} +- {u} um (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} um rms over {points} \
              points, {outside} extrapolated"
+        );
+    }
+    if let Some((largest_m, rms_m)) = answer.aligned_m() {
+        let [largest, rms] = [largest_m, rms_m].map(|value_m| digits::result(value_m * 1e6));
+        println!(
+            "  aligned           {largest} um at most, {rms} um rms: without the shift and turn of the whole, {ALIGNED}"
         );
     }
     for (diagonal, points) in &answer.diagonals {

@@ -277,7 +277,7 @@ fn axis_words(axis: &AxisFigures) -> String {
 fn table(all: &[AxisFigures]) -> Section {
     let columns = FIGURES.iter().map(|name| {
         let unit = if *name == "targets" { "1" } else { "µm" };
-        Column::number(name.replace("_up", "↑").replace("_down", "↓").replace("B_mean", "B̄"), unit)
+        Column::number(name.replace("_up", "↑").replace("_down", "↓").replace("B_mean", "mean B"), unit)
     });
     let row = |axis: &AxisFigures| {
         let values = figures(axis).into_iter().map(|v| Cell::result(v.map(um)));

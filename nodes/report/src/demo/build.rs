@@ -137,7 +137,9 @@ impl DemoReport {
         // Of the model that the run began with: where another took over, these are not the figures of the answer.
         let before = self.closing.as_ref().and_then(|closing| closing.in_use.as_ref()).map(|_| "before the loop; ");
         let of_fit = |detail: String| format!("{}{detail}", before.unwrap_or_default());
-        let declared = fit.declared_sigma_um.map(|s| of_fit(format!("declared {} µm", Quantity::result(s).text())));
+        let declared = fit
+            .declared_sigma_um
+            .map(|s| of_fit(format!("by the median of its sizes; declared {} µm", Quantity::result(s).text())));
         let total = fit.readings_used + fit.readings_rejected;
         [
             KeyFigure {

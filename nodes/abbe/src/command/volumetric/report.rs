@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
 
-use super::{Answer, expanded_m, extreme, lower_bound};
+use super::{ALIGNED, Answer, expanded_m, extreme, lower_bound};
 use crate::next::Next;
 use abbe_geometry::volumetric::{LinePoint, MapPoint};
 use abbe_report::{
@@ -20,7 +20,11 @@ pub(super) fn report(answer: &Answer, next: &Next) -> Report {
     let [x, y, z] = answer.offset_m.map(|v| digits::plain(v * 1e3, 1).replace('-', "−"));
     Report {
         title: format!("Volumetric error of {}", answer.machine),
-        lead: Some("Error = actual − indicated, as the model predicts it before correction.".to_owned()),
+        lead: Some(
+            "Error = actual − indicated, as the model predicts it before correction, in the frame of the model: how the whole lies in it is in \
+             the error."
+                .to_owned(),
+        ),
         identity: answer.who.clone(),
         next: Some(next.step()),
         meta: vec![
@@ -100,6 +104,11 @@ fn key_figures(answer: &Answer) -> Section {
             Some(format!("{} points extrapolated", answer.extrapolated())),
         ),
     ];
+    if let Some((largest_m, rms_m)) = answer.aligned_m() {
+        let detail =
+            format!("rms {} µm; without the shift and turn of the whole, {ALIGNED}", digits::result(rms_m * 1e6));
+        figures.push(figure("largest error, aligned", Some(largest_m), None, Some(detail)));
+    }
     figures.extend(answer.diagonals.iter().map(|(diagonal, points)| {
         let (value, u_m) = extreme(points).unzip();
         figure(
