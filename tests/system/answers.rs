@@ -110,6 +110,7 @@ fn every_answer_ends_with_the_next_command() {
     answers.lead("interpolate --vectors vectors.csv --splits 1", "interpolate");
     answers.bench.write("runs.csv", runs());
     answers.lead("conformity --runs runs.csv --out figures", "diagnose");
+    answers.lead("conformity --runs runs.csv --out certified --pdf runs.pdf", "diagnose");
     answers.lead("diagnose --campaign runs.csv --out causes", "plan");
     answers.lead("papers --paper 2011 --effort 0.01 --out papers", "papers");
 

@@ -32,6 +32,9 @@ fn positions_make_a_model_that_corrects_and_can_be_mapped() {
     );
     assert_eq!(mapped["points"], 125);
     assert_eq!(mapped["diagonals"].as_array().unwrap().len(), 4);
+    // How the whole lies in the frame of the model is no error of a part.
+    let [all, aligned] = ["rms_um", "aligned_rms_um"].map(|key| mapped[key].as_f64().unwrap());
+    assert!(0.0 < aligned && aligned < all, "{mapped}");
     let map = bench.read("volumetric/map.csv");
     assert!(map.starts_with("x_mm,y_mm,z_mm,error_x_um,error_y_um,error_z_um,error_um,u_x_um,u_y_um,u_z_um,status\n"));
     assert_eq!(map.lines().count(), 126);
