@@ -81,6 +81,8 @@ fn the_demo_closes_the_loop_on_the_shipped_campaign_and_says_the_same_everywhere
         // Three digits.
         let told: f64 = line.split_whitespace().skip_while(|word| *word != "rms").nth(1).unwrap().parse().unwrap();
         assert!((told / rms - 1.0).abs() < 5.1e-3, "{line}, {rms} in the JSON");
+        let summary = report["verification_summary"].as_array().unwrap().iter().find(|own| own["state"] == state);
+        assert!((summary.unwrap()["rms_um"].as_f64().unwrap() - rms).abs() < 1e-9, "{summary:?}");
     }
     assert_unbroken(&out, &report);
 

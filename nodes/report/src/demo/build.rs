@@ -8,9 +8,26 @@ use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
 };
 use crate::stats::{max_abs, rms};
+use serde::Serialize;
 
 /// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
 const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+
+/// 3-D error at the verification points in one state.
+#[derive(Serialize)]
+struct Summary {
+    state: &'static str,
+    rms_um: Option<f64>,
+    max_um: Option<f64>,
+}
+
+/// The file: the figures, then what they were made of.
+#[derive(Serialize)]
+struct Written<'a> {
+    verification_summary: Vec<Summary>,
+    #[serde(flatten)]
+    data: &'a DemoReport,
+}
 
 impl DemoReport {
     /// The report: page sections in reading order; the PNG shows error before and after.
@@ -55,12 +72,19 @@ impl DemoReport {
         self.checked()?.png()
     }
 
-    /// The data as JSON, complete, with unit suffixes in the keys.
+    /// The data as JSON, complete, with unit suffixes in the keys, and first the figures that terminal and page lead with.
     ///
     /// # Errors
     /// [`ReportError::NotFinite`] naming the field.
     pub fn json(&self) -> Result<String, ReportError> {
-        to_json("report data", self)
+        check_finite("report data", self)?;
+        let summary = |(state, errors_um): (&'static str, Vec<f64>)| Summary {
+            state,
+            rms_um: rms(&errors_um),
+            max_um: max_abs(&errors_um),
+        };
+        let verification_summary = self.errors_by_state_um().into_iter().map(summary).collect();
+        to_json("report data", &Written { verification_summary, data: self })
     }
 
     /// The report, after a check of the data itself: an error then names the field, not a figure made from it.
