@@ -62,6 +62,9 @@ const FORMS: usize = 3;
 /// Candidates that one thread tests at a time.
 const TOGETHER: usize = 24;
 
+/// Single candidates, and the best pair of straight lines.
+type Scores = (Vec<Scored>, Option<TwoLines>);
+
 /// What the search ends with.
 #[derive(Debug)]
 pub(super) struct Found {
@@ -261,7 +264,7 @@ fn names_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<
 }
 
 /// Scores as if the noise were white; nothing where it is taken as such. The gate decides with what the noise may be.
-fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<(Vec<Scored>, Option<TwoLines>)>, DiagnoseError> {
+fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<Scores>, DiagnoseError> {
     let noises = view.noises();
     if noises.iter().all(|noise| noise.theta == Theta::WHITE) {
         return Ok(None);
@@ -276,7 +279,7 @@ fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<(Vec<Scored>, Op
 fn step(
     view: &mut View,
     fit: &Fit,
-    (mut passing, lines): (Vec<Scored>, Option<TwoLines>),
+    (mut passing, lines): Scores,
     options: &StudyOptions,
     refused: &mut Vec<(usize, &'static str)>,
 ) -> Result<Option<Vec<usize>>, DiagnoseError> {
