@@ -62,7 +62,7 @@ impl Bars {
         let labels = Labels { x: axis_text(&self.value), x_ticks: 8, ..Labels::default() };
         draw_frame(&mut svg, area, &x, &y, &labels);
         for (index, bar) in self.bars.iter().enumerate() {
-            bar.draw(&mut svg, (area.left, area.top + index as f64 * ROW_PX), &x, self.decimals);
+            bar.draw(&mut svg, (area.left, area.top + index as f64 * ROW_PX), &x, (self.decimals, &self.value.unit));
         }
         svg.line("zero", (x.map(0.0), area.top), (x.map(0.0), area.bottom()));
         svg.finish(&self.title)
@@ -70,7 +70,7 @@ impl Bars {
 }
 
 impl Bar {
-    fn draw(&self, svg: &mut Svg, (start, top): (f64, f64), x: &Scale, decimals: u8) {
+    fn draw(&self, svg: &mut Svg, (start, top): (f64, f64), x: &Scale, (decimals, unit): (u8, &str)) {
         let base = top + ROW_PX / 2.0 + 4.0;
         svg.text("", (start - GAP_PX, base), Anchor::End, &self.name);
         let Some(value) = self.value else {
@@ -78,7 +78,8 @@ impl Bar {
             return;
         };
         let (left, right) = (x.map(value.min(0.0)), x.map(value.max(0.0)));
-        svg.rect("f1 bar", (left, top + 4.0), (right - left, ROW_PX - 8.0), None);
+        let tip = format!("{}: {} {unit}", self.name, shown(value, decimals));
+        svg.rect("f1 bar", (left, top + 4.0), (right - left, ROW_PX - 8.0), Some(&tip));
         svg.text("small muted", (right + 6.0, base), Anchor::Start, &shown(value, decimals));
     }
 }

@@ -94,7 +94,7 @@ impl CellMap {
                     width: cell - 78.0,
                     height: 150.0,
                 };
-                panel.draw(&mut svg, area, (top, wanted));
+                panel.draw(&mut svg, area, (top, wanted), &self.value.unit);
             }
         }
         svg.finish(&self.title)
@@ -102,6 +102,14 @@ impl CellMap {
 }
 
 impl CellPanel {
+    /// Where a cell lies, in words.
+    fn place(&self, i: usize, j: usize) -> String {
+        let along = |axis: &Axis, edges: &[f64], k: usize| {
+            format!("{} {} … {} {}", axis.label, fixed(edges[k], 0), fixed(edges[k + 1], 0), axis.unit)
+        };
+        format!("{}, {}", along(&self.x, &self.x_edges, i), along(&self.y, &self.y_edges, j))
+    }
+
     /// Decimals of the numbers: those wanted, fewer where even the widest cells are too narrow.
     fn decimals(&self, wanted: u8, widest_px: f64) -> u8 {
         let fits =
@@ -109,7 +117,7 @@ impl CellPanel {
         (0..=wanted).rev().find(|decimals| fits(*decimals)).unwrap_or(wanted)
     }
 
-    fn draw(&self, svg: &mut Svg, area: Area, (top, wanted): (f64, u8)) {
+    fn draw(&self, svg: &mut Svg, area: Area, (top, wanted): (f64, u8), unit: &str) {
         let limits = |edges: &[f64]| (edges.first().copied().unwrap_or(0.0), edges.last().copied().unwrap_or(1.0));
         let ((x0, x1), (y0, y1)) = (limits(&self.x_edges), limits(&self.y_edges));
         let x = Scale::exact(x0, x1, area.left, area.right());
@@ -124,13 +132,15 @@ impl CellPanel {
             let size = (right_bottom.0 - left_top.0, right_bottom.1 - left_top.1);
             let step = value.map(|v| ((v / top * SEQUENTIAL_STEPS as f64) as usize).min(SEQUENTIAL_STEPS - 1));
             let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
-            svg.rect(&class, left_top, size, None);
+            let tip = value.map(|v| format!("{}: {} {unit}", self.place(i, j), fixed(v, wanted)));
+            svg.rect(&class, left_top, size, tip.as_deref());
             let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, decimals));
             // A number that would be cut is left to the colour.
             if text_width_px(&text) > size.0 || LINE_PX > size.1 {
                 continue;
             }
-            let ink = step.map_or_else(String::new, |s| format!("t{s}"));
+            // The pointer reads the cell behind it.
+            let ink = step.map_or_else(|| "behind".to_owned(), |s| format!("t{s} behind"));
             let middle = (left_top.0 + size.0 / 2.0, left_top.1 + size.1 / 2.0 + 4.0);
             svg.text(&ink, middle, Anchor::Middle, &text);
         }
@@ -177,8 +187,17 @@ mod tests {
         };
         assert_eq!(panel.decimals(digits::of_result(40.1234), 100.0), 1);
         assert_eq!(panel.decimals(1, text_width_px("40")), 0);
-        // Where not even that fits the number is left out, whatever its decimals.
+        // Where not even that fits the number is left out, whatever its decimals; the pointer reads it.
         assert_eq!(panel.decimals(1, 1.0), 1);
+        let map = CellMap {
+            title: "error".to_owned(),
+            note: None,
+            value: Axis::new("error", "µm"),
+            is_uncertainty: false,
+            columns: 1,
+            panels: vec![panel],
+        };
+        assert!(map.draw().unwrap().body.contains("<title>X 0 … 1 mm, Y 0 … 1 mm: 40.1 µm</title>"));
     }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
