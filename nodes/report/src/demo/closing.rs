@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::DemoReport;
 use super::build::heading;
-use crate::diagnosis::{Both, Effect, ErrorFigures, Rival, SetAside, readable};
+use crate::diagnosis::{Both, Effect, ErrorFigures, Parameter, Rival, SetAside, readable};
 use crate::sections::{Callout, Cell, Column, Section, TableSection, Tone};
 use crate::stats::rms;
 use crate::text::{fixed, integer, listed, significant};
@@ -75,7 +75,10 @@ impl Closing {
 fn lacked(effect: &Effect) -> Vec<String> {
     let unexplained = if effect.kind == "empirical" { " (a dependence without a known cause)" } else { "" };
     let rms_um = effect.size_um.map(|um| format!("{} µm rms in the readings", significant(um, 2)));
-    let sizes: Vec<String> = effect.parameters.iter().filter_map(size).collect();
+    // The surest first: few are named.
+    let mut parameters: Vec<&Parameter> = effect.parameters.iter().collect();
+    parameters.sort_by(|a, b| surety(b).total_cmp(&surety(a)));
+    let sizes: Vec<String> = parameters.into_iter().filter_map(size).collect();
     let sizes = [rms_um, (!sizes.is_empty()).then(|| format!("{} (k = 1)", listed(&sizes, NAMED, "; ")))];
     let sizes = sizes.into_iter().flatten().collect::<Vec<_>>().join("; ");
     let mut sentences = vec![format!("The model lacked: {}{unexplained}, {sizes}.", effect.label())];
@@ -94,8 +97,14 @@ fn lacked(effect: &Effect) -> Vec<String> {
     sentences
 }
 
+/// By how many standard uncertainties a parameter is there; 0 where that is not known.
+fn surety(parameter: &Parameter) -> f64 {
+    let (value, u, ..) = readable(parameter);
+    value.zip(u).filter(|(_, u)| *u > 0.0).map_or(0.0, |(value, u)| (value / u).abs())
+}
+
 /// A parameter with its uncertainty.
-fn size(parameter: &crate::diagnosis::Parameter) -> Option<String> {
+fn size(parameter: &Parameter) -> Option<String> {
     let (value, u, _, unit, decimals) = readable(parameter);
     Some(format!("{} {} ± {} {unit}", parameter.name, fixed(value?, decimals), fixed(u?, decimals)))
 }
