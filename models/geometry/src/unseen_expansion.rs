@@ -16,7 +16,7 @@
 //! same: s in rad/K, and r the reading of the axis that it tilts.
 
 use crate::axis::Axis;
-use crate::effects::{CovariateValue, NoCovariates, State};
+use crate::effects::{CovariateSource, CovariateValue, NoCovariates, State};
 use crate::machine::Squareness;
 use crate::model_error::ModelError;
 use nalgebra::Vector3;
@@ -50,41 +50,40 @@ pub(crate) type Ranged = (UnseenExpansion, Option<(f64, f64)>);
 
 /// What expansions that the campaign cannot rule out do to a metre of each axis at the coldest or warmest that was logged (m/m, k = 1).
 pub(crate) fn at_the_ends(all: &[Ranged]) -> [f64; 3] {
-    most(all, &nothing_logged(), UnseenExpansion::of_scales)
+    most(all, &NoCovariates).scales
 }
 
 /// What turns that it cannot rule out do to each squareness error there (rad, k = 1).
 pub(crate) fn turned_at_the_ends(all: &[Ranged]) -> [f64; 3] {
-    most(all, &nothing_logged(), UnseenExpansion::of_squareness)
+    most(all, &NoCovariates).squareness
 }
 
-fn nothing_logged() -> State<'static> {
-    State { reading_m: [0.0; 3], offset_m: [0.0; 3], covariates: &NoCovariates }
+/// How far each scale (m/m) and each squareness error (rad) may be off.
+struct Off {
+    scales: [f64; 3],
+    squareness: [f64; 3],
 }
-
-/// What is open by the kelvin, and the temperatures that they are counted from (°C).
-type PerKelvin<'a> = (&'a [f64; 3], &'a [f64; 3]);
 
 /// Of several temperatures that which says most.
-fn most(all: &[Ranged], state: &State, of: fn(&UnseenExpansion) -> PerKelvin) -> [f64; 3] {
-    all.iter().fold([0.0; 3], |most: [f64; 3], (unseen, range_c)| {
-        let own = away(&unseen.sensor, of(unseen), *range_c, state);
-        std::array::from_fn(|k| most[k].max(own[k]))
-    })
-}
-
-/// How far each may be off, with the range of its sensor in the campaign.
-fn away(sensor: &str, (per_kelvin, at_c): PerKelvin, range_c: Option<(f64, f64)>, state: &State) -> [f64; 3] {
-    // A problem in words would be made for each sample that lacks it.
-    let known = match state.covariates.covariate(sensor) {
-        CovariateValue::Fresh(value) => Some(value),
-        _ => None,
-    };
-    std::array::from_fn(|k| {
-        let away = |value: f64| (value - at_c[k]).abs();
-        let farthest = || range_c.map_or(0.0, |(low, high)| away(low).max(away(high)));
-        per_kelvin[k] * known.map_or_else(farthest, away)
-    })
+fn most(all: &[Ranged], covariates: &dyn CovariateSource) -> Off {
+    let mut most = Off { scales: [0.0; 3], squareness: [0.0; 3] };
+    for (unseen, range_c) in all {
+        // A problem in words would be made for each sample that lacks it.
+        let known = match covariates.covariate(&unseen.sensor) {
+            CovariateValue::Fresh(value) => Some(value),
+            _ => None,
+        };
+        let away = |at_c: f64| {
+            let away = |value: f64| (value - at_c).abs();
+            known.map_or_else(|| range_c.map_or(0.0, |(low, high)| away(low).max(away(high))), away)
+        };
+        for k in 0..3 {
+            most.scales[k] = most.scales[k].max(unseen.per_kelvin[k] * away(unseen.at_c[k]));
+            let turned = unseen.squareness_per_kelvin[k] * away(unseen.squareness_at_c[k]);
+            most.squareness[k] = most.squareness[k].max(turned);
+        }
+    }
+    most
 }
 
 impl UnseenExpansion {
@@ -113,14 +112,6 @@ impl UnseenExpansion {
         }
         Ok(())
     }
-
-    fn of_scales(&self) -> PerKelvin<'_> {
-        (&self.per_kelvin, &self.at_c)
-    }
-
-    fn of_squareness(&self) -> PerKelvin<'_> {
-        (&self.squareness_per_kelvin, &self.squareness_at_c)
-    }
 }
 
 /// Variance along X, Y and Z (m²) by what the campaign cannot rule out; each with the range of its sensor. `middle_m` are the readings in the
@@ -132,10 +123,9 @@ pub(crate) fn variance_m2(
     state: &State,
 ) -> Vector3<f64> {
     let lever_m = |axis: Axis| state.reading_m[axis.index()] - middle_m[axis.index()];
-    let stretched = most(all, state, UnseenExpansion::of_scales);
-    let mut total_m2 = Vector3::from_fn(|d, _| (stretched[d] * lever_m(Axis::ALL[d])).powi(2));
-    let turned = most(all, state, UnseenExpansion::of_squareness);
-    for (turned, own) in turned.iter().zip(squareness) {
+    let most = most(all, state.covariates);
+    let mut total_m2 = Vector3::from_fn(|d, _| (most.scales[d] * lever_m(Axis::ALL[d])).powi(2));
+    for (turned, own) in most.squareness.iter().zip(squareness) {
         total_m2[own.moves().index()] += (turned * lever_m(own.tilts)).powi(2);
     }
     total_m2
@@ -144,7 +134,6 @@ pub(crate) fn variance_m2(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::CovariateSource;
 
     struct Logged(f64, f64);
 
