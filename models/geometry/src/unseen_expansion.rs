@@ -180,6 +180,7 @@ mod tests {
         near(u_m(&all(), &NoCovariates), [2.5e-6, 0.4e-6, 0.0]);
         near(at_the_ends(&all()), [5e-6, 2e-6, 0.0]);
     }
+
     #[test]
     fn a_turn_moves_the_third_axis_by_the_distance_of_the_axis_that_it_tilts() {
         let mut all = all();

@@ -7,7 +7,7 @@
 
 use super::candidate::{Forms, Study};
 use super::confirm::{beyond_chance, confirmed};
-use super::judge::{judge, pooled};
+use super::judge::judge;
 use super::nested::{Parts, SURE, unseen};
 use super::outcome::{HeldOutRms, Look, Unseen};
 use super::outliers::{Outliers, outliers};
@@ -112,8 +112,7 @@ impl Answer {
             Ok(_) => return Err(DiagnoseError::Stopped),
             Err(error) => return Err(error),
         };
-        let is_better =
-            Placed::around(study, &all, |study| straight.predicts(study) && straight.is_better(&self, study));
+        let is_better = Placed::around(study, &all, |study| straight.is_better(&self, study));
         if !is_better {
             placed.take(study);
             return Ok(self);
@@ -125,27 +124,23 @@ impl Answer {
         Ok(Answer { found, unconfirmed, ..straight })
     }
 
-    /// Whether the error surely comes down by it, as the second of two tries.
-    fn predicts(&self, study: &mut dyn Study) -> bool {
-        let set = &self.found.set;
-        let judged = Placed::around(study, set, |study| self.parts.of(study, set, SURER));
-        let is_surer =
-            |(before, after, is_sure): (HeldOutRms, HeldOutRms, bool)| is_sure && after.rms_um < before.rms_um;
-        !set.is_empty() && judged.is_some_and(is_surer)
-    }
-
-    /// Whether parts of the data are predicted better than by another answer, with what each of its searches found and with what is left of it.
-    /// On average: of two that predict, the one in plainer words needs no proof.
+    /// Whether the error surely comes down by it, as the second of two tries, and further than by another answer, with what each of its searches
+    /// found and with what is left of it. On average: of two that predict, the one in plainer words needs no proof.
     fn is_better(&self, other: &Answer, study: &mut dyn Study) -> bool {
+        if self.found.set.is_empty() {
+            return false;
+        }
+        let Some((before, after, is_sure)) = self.parts.of(study, &self.found.set, SURER) else { return false };
+        if !is_sure || after.rms_um >= before.rms_um {
+            return false;
+        }
         if other.found.set.is_empty() {
             return true;
         }
-        let Some(own) = self.parts.after(study, Some(&self.found.set)) else { return false };
-        let mut beats = |set| {
-            let other = other.parts.after(study, set);
-            other.is_some_and(|other| other.len() == own.len() && pooled(own.iter()) < pooled(other.iter()))
-        };
-        beats(None) && beats(Some(&other.found.set))
+        let beats = |judged: Option<HeldOutRms>| judged.is_some_and(|other| after.rms_um < other.rms_um);
+        self.parts.count() == other.parts.count()
+            && beats(other.parts.of_searches(study))
+            && beats(other.parts.of(study, &other.found.set, SURE).map(|(_, after, _)| after))
     }
 
     /// That it stands in place of another answer.

@@ -96,7 +96,7 @@ pub(super) fn without(error: &Mat<f64>, columns: &Mat<f64>) -> HeldOut {
     HeldOut { square: (all - inside).max(0.0), judged: error.nrows() - basis.ncols() }
 }
 
-pub(super) fn pooled<'a>(blocks: impl Iterator<Item = &'a HeldOut>) -> f64 {
+fn pooled<'a>(blocks: impl Iterator<Item = &'a HeldOut>) -> f64 {
     let (square, judged) = blocks.fold((0.0, 0), |(s, n), block| (s + block.square, n + block.judged));
     if judged == 0 { 0.0 } else { (square / judged as f64).sqrt() }
 }

@@ -114,14 +114,10 @@ impl Parts {
         Some(self.figures(study, &judged, probability))
     }
 
-    /// Error of each part with what is of the families of a set, or with all that was found without it; `None` where a part cannot be judged
-    /// so.
-    pub(super) fn after(&self, study: &mut dyn Study, set: Option<&[usize]>) -> Option<Vec<HeldOut>> {
-        let judged = match set.map(|set| of_families(study, set)) {
-            Some(own) => self.each(study, own),
-            None => self.each(study, found),
-        };
-        Some(judged?.iter().map(|own| own.errors.1).collect())
+    /// Error after with all that was found without each part; `None` where a part cannot be judged so.
+    pub(super) fn of_searches(&self, study: &mut dyn Study) -> Option<HeldOutRms> {
+        let judged = self.each(study, found)?;
+        Some(self.figures(study, &judged, SURE).1)
     }
 
     /// Error before and after with a set that was chosen on all data, fitted without each part, and whether it comes down with this

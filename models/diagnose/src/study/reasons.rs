@@ -13,7 +13,7 @@ use super::significance::{probability, probability_beside};
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
-use crate::linear::Linear;
+use crate::linear::{Linear, joined};
 use faer::Mat;
 
 /// Share of what a drift does that position does as well from which the two must be told apart: where they come in no order, few rows would
@@ -149,6 +149,23 @@ pub(super) fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> 
     };
     view.take_noises(noises);
     reason
+}
+
+/// The candidates of a fit with further ones, where these together are no chance among so many trials and predict blocks left out.
+pub(super) fn with_together(
+    view: &mut View,
+    fit: &Fit,
+    members: &[usize],
+    trials: usize,
+    significance: f64,
+) -> Result<Option<Vec<usize>>, DiagnoseError> {
+    let columns: Vec<_> = members.iter().map(|k| view.columns(&fit.point, *k)).collect();
+    if probability(view, fit, &joined(&columns))? * trials as f64 > significance {
+        return Ok(None);
+    }
+    let own = fit.set();
+    let set = [&own, members].concat();
+    Ok(reason_of_blocks(view, &set, own.len()).is_none().then_some(set))
 }
 
 /// Whether a coefficient of expansion is surely larger than any material has: lengths have no such bound, machines are as bad as they are.

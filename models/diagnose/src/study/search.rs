@@ -10,16 +10,14 @@ use super::beside::wave_beside_smooth;
 use super::fit::{Fit, Part};
 use super::outcome::Considered;
 use super::placing::{best_placed, moved, placed, single, tried};
-use super::reasons::{is_told_from_position, reason_against, reason_of_blocks, stands_apart};
+use super::reasons::{is_told_from_position, reason_against, reason_of_blocks, stands_apart, with_together};
 use super::scored::{COMPARABLE, Scored};
 use super::series::Theta;
-use super::significance::probability;
 use super::two_lines::TwoLines;
 use super::view::View;
 use super::waves::tuned;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
-use crate::linear::joined;
 use crate::score::{Score, score};
 use abbe_identify::in_parallel;
 use std::collections::BTreeMap;
@@ -245,14 +243,7 @@ fn names_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<
     if names.len() < 2 {
         return Ok(None);
     }
-    let columns: Vec<_> = names.iter().map(|k| view.columns(&fit.point, *k)).collect();
-    if probability(view, fit, &joined(&columns))? * trials as f64 > options.significance {
-        return Ok(None);
-    }
-    let set = [own.clone(), names].concat();
-    if reason_of_blocks(view, &set, own.len()).is_some() {
-        return Ok(None);
-    }
+    let Some(set) = with_together(view, fit, &names, trials, options.significance)? else { return Ok(None) };
     let noises = view.noises();
     // What came in last is never pruned: once more with another one there.
     let mut set = prune(view, set, options)?;

@@ -6,12 +6,10 @@
 //! candidate.
 
 use super::fit::Fit;
-use super::reasons::{reason_against, reason_of_blocks};
+use super::reasons::{reason_against, with_together};
 use super::scored::{COMPARABLE, Scored};
-use super::significance::probability;
 use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::joined;
 use crate::score::score;
 
 /// Two straight lines of one chain.
@@ -52,19 +50,11 @@ impl TwoLines {
         if self.evidence < alone + COMPARABLE || scored.iter().any(is_named) {
             return Ok(None);
         }
-        let own = fit.set();
-        let set = [own.clone(), self.members.to_vec()].concat();
-        let columns: Vec<_> = self.members.iter().map(|k| view.columns(&fit.point, *k)).collect();
-        if probability(view, fit, &joined(&columns))? * self.tried as f64 > significance {
-            return Ok(None);
-        }
-        if reason_of_blocks(view, &set, own.len()).is_some() {
-            return Ok(None);
-        }
+        let Some(set) = with_together(view, fit, &self.members, self.tried, significance)? else { return Ok(None) };
         let noises = view.noises();
         // In the noise that both leave: without them, what they explain would pass for slow noise.
         view.adapt(&set)?;
-        let is_refused = self.is_refused(view, &own, significance);
+        let is_refused = self.is_refused(view, &fit.set(), significance);
         view.take_noises(noises);
         Ok((!is_refused?).then_some(set))
     }
