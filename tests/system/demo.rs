@@ -71,6 +71,10 @@ fn the_demo_closes_the_loop_on_the_shipped_campaign_and_says_the_same_everywhere
     let told: Vec<&str> = steps.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let at = |step: &str| told.iter().position(|word| *word == step).unwrap_or_else(|| panic!("no {step}: {steps}"));
     assert!(["identify", "record", "live", "monitor", "diagnose", "take", "report"].map(at).is_sorted(), "{steps}");
+    // What the nodes remark is not between them, and not lost.
+    assert!(!steps.contains(" WARN "), "{steps}");
+    let remarks = fs::read_to_string(out.join("nodes.log")).unwrap();
+    assert!(remarks.contains("the model lacks something"), "{remarks}");
 
     let report = json(&out.join("report.json"));
     let [before, geometry, after] = ["before_um", "after_um", "after_loop_um"].map(|key| rms_um(&report, key));

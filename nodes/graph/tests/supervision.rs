@@ -1,7 +1,7 @@
 //! What the launcher does with nodes that end, hang or will not stop; nodes here are small programs.
 
 use abbe_graph::launch::NodeName;
-use abbe_graph::supervisor::{Stopped, Supervisor, SupervisorError};
+use abbe_graph::supervisor::{Given, Stopped, Supervisor, SupervisorError};
 use abbe_runtime::{RunId, Shutdown};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -39,6 +39,26 @@ fn start_as(folder: &Path, launched: &str, script: &str) -> Supervisor {
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
     fs::write(&launch, launched).unwrap();
     Supervisor::start(&program, &launch, RunId::unique()).unwrap()
+}
+
+#[test]
+fn remarks_of_nodes_go_to_the_log_that_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let (program, launch, log) =
+        (folder.path().join("node"), folder.path().join("launch.toml"), folder.path().join("nodes.log"));
+    let said = "echo '2026-01-01T00:00:00Z  WARN abbe: a remark' >&2; echo 'a panic' >&2";
+    fs::write(&program, format!("#!/bin/sh\n{said}\n{WORKS}\n")).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    fs::write(&launch, LAUNCH).unwrap();
+    let given = Given { log: Some(log.clone()), ..Given::default() };
+    let mut graph = Supervisor::start_with(&program, &launch, RunId::unique(), given).unwrap();
+    let logged = || fs::read_to_string(&log).unwrap();
+    look_after(&mut graph, |_| logged().lines().count() == 2).unwrap();
+    assert_eq!(logged(), "geometric: 2026-01-01T00:00:00Z  WARN abbe: a remark\ngeometric: a panic\n");
+    graph.stop(&Shutdown::manual()).unwrap();
+    let nowhere = Given { log: Some(folder.path().join("no/where")), ..Given::default() };
+    let refused = Supervisor::start_with(&program, &launch, RunId::unique(), nowhere).err().unwrap();
+    assert!(refused.to_string().contains("no/where: the log of the nodes cannot be written"), "{refused}");
 }
 
 /// Looks after the graph until it fails or `done` says so.

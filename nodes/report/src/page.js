@@ -31,6 +31,18 @@
     tip.style.top = `${Math.max(4, event.clientY - height - 12)}px`;
   };
   const hush = () => { tip.hidden = true; };
+  // What a shape says of itself is said at once: a browser waits for a second, and says nothing to a finger.
+  all("figure > svg * > title").forEach((title) => {
+    const shape = title.parentElement;
+    shape.dataset.told = title.textContent;
+    shape.setAttribute("aria-label", title.textContent);
+    title.remove();
+  });
+  const told = ({ target }) => {
+    const shape = target.closest?.("[data-told],[data-n]");
+    const line = shape?.dataset.told || shape?.dataset.n;
+    return line && [line];
+  };
   const inside = (svg, event) => new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
 
   // One axis of a panel: value and pixel, and what is left of it when enlarged (pixel' = by * pixel + add).
@@ -167,7 +179,11 @@
   // A figure with panels: pointer, keys and buttons.
   const plot = (svg) => {
     const panels = all("g.panel", svg).map(panel);
-    if (!panels.length) return;
+    if (!panels.length) {
+      svg.addEventListener("pointermove", (event) => { const lines = told(event); if (lines) say(event, lines); else hush(); });
+      svg.addEventListener("pointerleave", hush);
+      return;
+    }
     const of = (p) => panels.find((one) => one.holds(p));
     let grip = null;
     svg.setAttribute("tabindex", "0");
@@ -178,7 +194,7 @@
         Object.assign(grip, { x: p.x, y: p.y });
         return;
       }
-      const lines = of(p)?.at(p);
+      const lines = of(p)?.at(p) || told(event);
       if (lines) say(event, lines); else hush();
     });
     svg.addEventListener("pointerdown", (event) => {
@@ -371,6 +387,24 @@
     buttons.forEach((one, k) => one.setAttribute("aria-pressed", String(k === 0)));
     group.append(...buttons);
     bar.append(group);
+    // A table names the states of the figures in its cells or above its columns: rows and columns go as the figures do.
+    const letters = new Map();
+    for (const letter of ["B", "M", "A"]) {
+      all(`svg [data-n]:is(.l${letter},.f${letter})`).forEach(({ dataset: { n } }) => letters.set(n, (letters.get(n) || "") + letter));
+    }
+    // What stands in two states, such as a station, is a name of none.
+    const kinds = [...letters].filter(([, found]) => new Set(found).size === 1).map(([name, found]) => [name, `p${found[0]}`]);
+    const kind = (text) => kinds.find(([name]) => text === name || text.endsWith(` ${name}`))?.[1];
+    all("table").forEach((table) => {
+      [...table.tHead.rows[0].cells].forEach((head, k) => {
+        const of = kind(head.firstChild.textContent);
+        if (of) for (const row of table.rows) row.cells[k]?.classList.add(of);
+      });
+    });
+    rows.forEach((row) => {
+      const of = [...row.cells].map((cell) => kind(cell.textContent)).find(Boolean);
+      if (of) row.classList.add(of);
+    });
   }
   // Below the answer, above the first that it acts upon.
   const first = document.querySelector("main > h2, main > figure, main > section:not(.cards)");

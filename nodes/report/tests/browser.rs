@@ -282,6 +282,34 @@ fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
     assert_eq!(seen["back"], json!(true));
 }
 
+/// Maps by region and tables showed both states whatever was chosen, and a browser took a second to say what a station is.
+#[test]
+fn regress_the_switch_reaches_maps_and_tables_and_shapes_say_at_once_what_they_are() {
+    let steps = r#"
+        const row = (state) => all("tr").filter((r) => [...r.cells].some((c) => c.textContent === state));
+        const shown = (state, letter) => [row(state).some(seen), all(`g.p${letter}`).some(seen)];
+        const choose = (text) => all(".bar button").find((b) => b.textContent === text).click();
+        const both = [shown("as indicated", "B"), shown("corrected", "A")];
+        choose("before");
+        const before = [shown("as indicated", "B"), shown("corrected", "A")];
+        choose("after");
+        const after = [shown("as indicated", "B"), shown("corrected", "A")];
+        const stations = figure("Volume, stations and measured lines").querySelector("svg");
+        const over = (node) => { node.dispatchEvent(new PointerEvent("pointermove", { bubbles: true })); return tip(); };
+        const station = over(stations.querySelector("circle[data-told]"));
+        const lines = over(stations.querySelector(".hair[data-n]"));
+        const cell = over(document.querySelector("g.pA rect[data-told]"));
+        return { both, before, after, station, lines, cell, left: all("figure > svg * > title").length };"#;
+    let Some(seen) = in_browser(&common::demo_report(1).html().unwrap(), steps) else { return };
+    assert_eq!(seen["both"], json!([[true, true], [true, true]]));
+    assert_eq!(seen["before"], json!([[true, true], [false, false]]));
+    assert_eq!(seen["after"], json!([[false, false], [true, true]]));
+    assert!(seen["station"][0].as_str().unwrap().starts_with("A: x "), "{}", seen["station"]);
+    assert_eq!(seen["lines"], json!(["A"]));
+    assert!(seen["cell"][0].as_str().unwrap().ends_with(" µm"), "{}", seen["cell"]);
+    assert_eq!(seen["left"], json!(0), "a browser would say it a second time");
+}
+
 /// A verdict of many words is read whole on a screen: nothing cuts it, and no table has to be moved for it.
 #[test]
 fn regress_a_long_verdict_is_not_cut_on_a_screen() {

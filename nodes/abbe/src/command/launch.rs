@@ -69,8 +69,12 @@ pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()
         ),
     };
     let _ = writeln!(std::io::stderr(), "run {run}: {stops}", run = run.as_str());
-    let mut supervisor =
-        Supervisor::start_with(&program, &arguments.file, run, Given { instead, ros_words: ros_args.words })?;
+    let mut supervisor = Supervisor::start_with(
+        &program,
+        &arguments.file,
+        run,
+        Given { instead, ros_words: ros_args.words, log: None },
+    )?;
     let mut manager = ServiceManager::from_environment();
     let ran = supervisor.wait_for_sources(&shutdown, |graph| manager.tell(graph.is_healthy()));
     if ran.is_ok() && !shutdown.requested() {

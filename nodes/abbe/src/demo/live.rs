@@ -12,7 +12,7 @@ use abbe_files::write_atomically;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, RecordConfig, Source, Stamps};
 use abbe_graph::node::{NodeSummary, user_identity};
-use abbe_graph::supervisor::Supervisor;
+use abbe_graph::supervisor::{Given, Supervisor};
 use abbe_graph::topics;
 use abbe_msgs::{CorrectedCoordinates, RangeResidual};
 use abbe_runtime::{Edges, EdgesConfig, RunId, Shutdown, Subscribe, TransportKind};
@@ -26,6 +26,8 @@ const SILENCE: Duration = Duration::from_secs(15);
 const SETTLE: Duration = Duration::from_millis(300);
 /// How often is looked how far the loop is.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// What the nodes say, in the output folder.
+pub(super) const NODES_LOG: &str = "nodes.log";
 /// Folder of the monitor's diagnoses in the output folder.
 pub(super) const DIAGNOSES: &str = "diagnoses";
 
@@ -68,7 +70,9 @@ pub(super) fn run(run: &Run, shutdown: &Shutdown, steps: &mut Steps) -> anyhow::
             .with_context(|| format!("{}: what an earlier run left cannot be replaced", old.display()))?;
     }
     let program = std::env::current_exe().context("the path of this program is unknown")?;
-    let mut supervisor = Supervisor::start(&program, &launch_file, RunId::unique())?;
+    // Between the steps of the demo their lines tell a reader nothing that a step does not; errors stay among them.
+    let given = Given { log: Some(run.out.join(NODES_LOG)), ..Given::default() };
+    let mut supervisor = Supervisor::start_with(&program, &launch_file, RunId::unique(), given)?;
     let mut config = EdgesConfig::new(user_identity(&launch.namespace, "demo")?);
     config.run = Some(supervisor.run().clone());
     let edges = Edges::open(config)?;

@@ -107,7 +107,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         dds: arguments.dds,
         closes: !arguments.fast,
     };
-    let live = live::run(&run, &shutdown, &mut steps)?;
+    let live = live::run(&run, &shutdown, &mut steps).map_err(|error| match shutdown.requested() {
+        true => error,
+        false => error.context(format!("nodes of the demo, whose log is {}", out.join(live::NODES_LOG).display())),
+    })?;
     let closed = match live.closing.as_ref().and_then(|closing| closing.taken_over.as_ref()) {
         Some(_) => Some(corrected_points(&inputs, &ModelFile::load(&model_file)?.0)?),
         None => None,

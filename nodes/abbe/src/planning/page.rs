@@ -165,6 +165,7 @@ fn map(sources: &Sources, promise: &Promise) -> Section {
             .iter()
             .map(|(_, u_m)| Some(u_m * 1e6))
             .collect(),
+        state: None,
     };
     Section::CellMap(CellMap {
         title: "Uncertainty of corrected points in planes of Z".to_owned(),

@@ -15,9 +15,11 @@ use abbe_runtime::transport::{DEFAULT_DEPTH, TransportError};
 use abbe_runtime::{Claim, ClaimError, RunId, Shutdown};
 use policy::{Ending, Ends, Role, Verdict};
 use process::{Ended, NodeProcess, Orders};
+use std::fs::File;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -66,6 +68,14 @@ pub enum SupervisorError {
         remedy: &'static str,
         /// Whether it was interrupted before it could handle that.
         interrupted: bool,
+    },
+    /// The file for what the nodes say.
+    #[error("{path}: the log of the nodes cannot be written: {source}")]
+    Log {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
     },
     /// A node could not be watched.
     #[error("node {node}: cannot be watched: {source}")]
@@ -116,6 +126,14 @@ pub struct Given {
     pub instead: Instead,
     /// ROS arguments, as they stand after `--ros-args`.
     pub ros_words: Vec<String>,
+    /// File that takes the remarks of the nodes (warnings and below) in place of the error stream; everything else they say
+    /// goes to both.
+    pub log: Option<PathBuf>,
+}
+
+fn open_log(path: &Path) -> Result<Arc<File>, SupervisorError> {
+    let log = |source| SupervisorError::Log { path: path.to_owned(), source };
+    File::create(path).map(Arc::new).map_err(log)
 }
 
 /// The nodes of one run.
@@ -127,6 +145,7 @@ pub struct Supervisor {
     program: PathBuf,
     launch_file: PathBuf,
     given: Given,
+    log: Option<Arc<File>>,
     /// The launcher takes part in the run, so that nobody removes its files while a node is being started again.
     memory: Option<SharedMemory>,
     problems: Vec<String>,
@@ -167,6 +186,7 @@ impl Supervisor {
             _claim: claim,
             program: program.to_owned(),
             launch_file: launch_file.to_owned(),
+            log: given.log.as_deref().map(open_log).transpose()?,
             given,
             memory,
             problems: Vec::new(),
@@ -280,7 +300,7 @@ impl Supervisor {
         if !self.given.ros_words.is_empty() {
             command.arg("--ros-args").args(&self.given.ros_words);
         }
-        NodeProcess::start(name, command)
+        NodeProcess::start(name, command, self.log.clone())
     }
 
     fn judge(&mut self, index: usize, ended: Ended) -> Result<(), SupervisorError> {

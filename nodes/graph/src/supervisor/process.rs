@@ -8,6 +8,7 @@ use crate::launch::NodeName;
 use crate::node::told::{PARAMETERS, STATE, rest};
 use crate::node::{ALIVE, NodeSummary, READY};
 use rustix::process::Signal;
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
@@ -98,8 +99,12 @@ pub(super) struct NodeProcess {
 }
 
 impl NodeProcess {
-    /// Starts `command`, which makes the node `name`.
-    pub(super) fn start(name: NodeName, mut command: Command) -> Result<NodeProcess, SupervisorError> {
+    /// Starts `command`, which makes the node `name`; remarks of it go to `log` where there is one.
+    pub(super) fn start(
+        name: NodeName,
+        mut command: Command,
+        log: Option<Arc<File>>,
+    ) -> Result<NodeProcess, SupervisorError> {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
         let mut child = command.spawn().map_err(|source| SupervisorError::Start {
             node: name.name(),
@@ -108,7 +113,8 @@ impl NodeProcess {
         })?;
         let said = Arc::new(Mutex::new(Said::default()));
         let listening = Arc::clone(&said);
-        let errors = child.stderr.take().map(|stream| std::thread::spawn(move || pass_on(name, stream)));
+        let errors =
+            child.stderr.take().map(|stream| std::thread::spawn(move || pass_on(name, stream, log.as_deref())));
         let output = child.stdout.take().map(|stream| std::thread::spawn(move || listen(stream, &listening)));
         Ok(NodeProcess { name, child, said, started: Instant::now(), errors, output })
     }
@@ -218,16 +224,28 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 }
 
 /// Hands on what a node says as it says it: a full pipe would hold the node up in the middle of its work.
-fn pass_on(name: NodeName, stream: ChildStderr) -> String {
+fn pass_on(name: NodeName, stream: ChildStderr, log: Option<&File>) -> String {
     let mut last = String::new();
     lines(stream, |words| {
-        // Not `eprintln!`: it would end this thread where nobody reads the launcher's own words.
-        let _ = writeln!(std::io::stderr(), "{}: {words}", name.name());
+        let line = format!("{}: {words}\n", name.name());
+        // One write a line: all nodes share the file.
+        let is_logged = log.is_some_and(|mut log| log.write_all(line.as_bytes()).is_ok());
+        if !(is_logged && is_remark(words)) {
+            // Not `eprint!`: it would end this thread where nobody reads the launcher's own words.
+            let _ = std::io::stderr().write_all(line.as_bytes());
+        }
         if !words.starts_with(GATEWAY) {
             last = words.to_owned();
         }
     });
     last
+}
+
+/// Whether a line of a node's log is a warning or less: `INSTANT LEVEL target: words`, after the name of the gateway where
+/// the line is passed on from there. What has no level, such as the words of a panic, is none.
+fn is_remark(line: &str) -> bool {
+    let line = line.strip_prefix(GATEWAY).unwrap_or(line);
+    line.split_whitespace().nth(1).is_some_and(|level| ["WARN", "INFO", "DEBUG", "TRACE"].contains(&level))
 }
 
 fn listen(stream: ChildStdout, said: &Mutex<Said>) {
@@ -255,5 +273,19 @@ fn lines(stream: impl Read, mut each: impl FnMut(&str)) {
             each(words.trim_end());
         }
         line.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_remark;
+
+    #[test]
+    fn warnings_and_below_are_remarks_and_nothing_else_is() {
+        assert!(is_remark("2026-01-01T00:00:00Z  WARN abbe_graph::node: a pause"));
+        assert!(is_remark("gateway: 2026-01-01T00:00:00Z  INFO abbe: words"));
+        assert!(!is_remark("2026-01-01T00:00:00Z ERROR abbe_graph::node: broken"));
+        assert!(!is_remark("thread 'main' panicked at src/x.rs:1:"));
+        assert!(!is_remark("Error: the model WARN"));
     }
 }

@@ -162,8 +162,15 @@ impl DemoReport {
     fn region_map(&self) -> Option<CellMap> {
         let edges: Vec<Vec<f64>> = (0..3).map(|axis| self.edges(axis)).collect::<Option<_>>()?;
         let mut panels = Vec::new();
-        for (name, state) in self.states() {
-            panels.extend((0..REGIONS).map(|layer| self.region_panel(name, state, layer, &edges)));
+        let states = self.states();
+        for (k, (name, state)) in states.iter().enumerate() {
+            let shown = match k {
+                0 => Shown::Before,
+                _ if k + 1 == states.len() => Shown::After,
+                _ => Shown::Between,
+            };
+            let panel = |layer| CellPanel { state: Some(shown), ..self.region_panel(name, *state, layer, &edges) };
+            panels.extend((0..REGIONS).map(panel));
         }
         Some(CellMap {
             title: "Error by region of the volume".to_owned(),
@@ -204,6 +211,7 @@ impl DemoReport {
             x_edges: edges[0].clone(),
             y_edges: edges[1].clone(),
             values: cells.iter().map(|cell| rms(cell)).collect(),
+            state: None,
         }
     }
 }

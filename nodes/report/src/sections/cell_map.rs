@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Axis;
+use super::{Axis, State};
 use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
@@ -34,6 +34,9 @@ pub struct CellPanel {
     pub y_edges: Vec<f64>,
     /// Magnitude of each cell, x fastest; missing where nothing was measured.
     pub values: Vec<Option<f64>>,
+    /// Which state of a correction it shows, for the page's switch between before and after.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state: Option<State>,
 }
 
 /// Cells coloured by a magnitude.
@@ -94,7 +97,9 @@ impl CellMap {
                     width: cell - 78.0,
                     height: 150.0,
                 };
+                panel.state.inspect(|state| svg.open(&format!("class=\"p{}\"", state.class())));
                 panel.draw(&mut svg, area, (top, wanted), &self.value.unit);
+                panel.state.inspect(|_| svg.close());
             }
         }
         svg.finish(&self.title)
@@ -184,6 +189,7 @@ mod tests {
             x_edges: vec![0.0, 1.0, 2.0],
             y_edges: vec![0.0, 1.0],
             values: vec![Some(40.1234), None],
+            state: Some(State::After),
         };
         assert_eq!(panel.decimals(digits::of_result(40.1234), 100.0), 1);
         assert_eq!(panel.decimals(1, text_width_px("40")), 0);
@@ -197,7 +203,9 @@ mod tests {
             columns: 1,
             panels: vec![panel],
         };
-        assert!(map.draw().unwrap().body.contains("<title>X 0 … 1 mm, Y 0 … 1 mm: 40.1 µm</title>"));
+        let body = map.draw().unwrap().body;
+        assert!(body.contains("<title>X 0 … 1 mm, Y 0 … 1 mm: 40.1 µm</title>"));
+        assert!(body.starts_with("<g class=\"pA\">"), "the switch before/after leaves it: {body}");
     }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.

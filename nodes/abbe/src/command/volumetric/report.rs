@@ -177,6 +177,7 @@ fn panel(answer: &Answer, plane: usize) -> CellPanel {
         x_edges: edges(0),
         y_edges: edges(1),
         values,
+        state: Some(State::Before),
     }
 }
 
