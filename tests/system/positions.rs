@@ -178,3 +178,32 @@ fn a_plate_makes_a_model_of_its_plane_and_names_what_it_cannot_tell() {
     let mixed = bench.write("mixed.csv", table.replacen("pose 1", "elsewhere", 1));
     assert_says(&run(fit(&machine, &mixed, &model, &["--u-um", "0.05"])).refused(), &["mixed.csv", "four points"]);
 }
+
+/// The offset of the campaign was taken where the machine file had another by now, and a machine of another size passed.
+#[test]
+fn regress_a_table_without_offsets_is_corrected_at_the_tip_of_the_machine_file_that_is_given() {
+    let bench = Bench::simulated(4);
+    let (own, points, model) = (text(&machine()), bench.text("verify.csv"), bench.text("model.json"));
+    run(fit(&own, &points, &model, &["--u-um", "0.05"])).ok();
+    let told = std::fs::read_to_string(&own).unwrap();
+    let longer = bench.write("longer.toml", format!("default_offset_mm = [0.0, 40.0, -90.0]\n{told}"));
+    let other = bench.write("other.toml", told.replace("\n[stroke_mm]\nX = [0.0, ", "\n[stroke_mm]\nX = [-50.0, "));
+    let bare = bench.write("bare.csv", "x_mm,y_mm,z_mm\n100,100,200\n400,300,150\n");
+    let with_columns = bench.write(
+        "columns.csv",
+        "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm\n100,100,200,0,40,-90\n400,300,150,0,40,-90\n",
+    );
+    let corrected = |input: &str, more: &[&str]| {
+        let out = bench.text("corrected.csv");
+        run([&["correct", "--model", &model, "--in", input, "--out", &out], more].concat()).ok();
+        let table = bench.read("corrected.csv");
+        let names: Vec<String> = table.lines().next().unwrap().split(',').map(str::to_owned).collect();
+        let place = |name: &str| names.iter().position(|own| own == name).unwrap();
+        let columns = ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"].map(place);
+        let row = |row: &str| columns.map(|k| row.split(',').nth(k).unwrap().to_owned());
+        table.lines().skip(1).map(row).collect::<Vec<_>>()
+    };
+    assert_eq!(corrected(&bare, &["--machine", &longer]), corrected(&with_columns, &[]));
+    let refused = ["correct", "--model", &model, "--machine", &other, "--in", &bare, "--out", &bench.text("no.csv")];
+    assert_says(&run(refused).refused(), &["key machine.stroke_m", "stroke of X from 0 to 800 mm", "-50 to 800 mm"]);
+}

@@ -9,6 +9,8 @@ use crate::envelope::{self, FileKind};
 use crate::error::{FileError, Place};
 use crate::model_contents::{Doubt, ModelFile};
 use crate::model_record::ModelRecord;
+use crate::units::millimetres_from_m;
+use abbe_geometry::Axis;
 use abbe_geometry::machine::{Machine, Side};
 use std::path::Path;
 
@@ -19,6 +21,9 @@ const KIND: FileKind = FileKind {
     maker: "abbe identify",
     again: "identify the model again",
 };
+
+/// Ends of strokes that are closer than this are the same (m): files hold them in mm.
+const SAME_END_M: f64 = 1e-9;
 
 impl ModelFile {
     /// Bytes of the file and SHA-256 of the model in it. The same model gives the same bytes.
@@ -56,8 +61,8 @@ impl ModelFile {
         })
     }
 
-    /// Reads a model file of this machine, and no other: of its name, its frame and its chain. What else stands in a
-    /// machine file is about how a model is identified, and the model has its own.
+    /// Reads a model file of this machine, and no other: of its name, its frame, its chain and its strokes, from whose ends errors
+    /// are counted. What else stands in a machine file is about how a model is identified, and the model has its own.
     pub fn load_for(path: &Path, machine: &Machine) -> Result<(ModelFile, [u8; 32]), FileError> {
         let (file, digest) = ModelFile::load(path)?;
         let found = &file.model.parts().machine;
@@ -78,6 +83,16 @@ impl ModelFile {
             let (model, file) = (chain(found), chain(machine));
             let problem = format!("the model is of the chain {model}, and the machine file says {file}");
             return refused("machine.chain", problem, remedy);
+        }
+        if let Some(axis) = Axis::ALL.into_iter().find(|axis| differ(found, machine, *axis)) {
+            let mm = |of: &Machine| {
+                let (lower_m, upper_m) = of.stroke_m[axis.index()];
+                format!("{} to {} mm", millimetres_from_m(lower_m), millimetres_from_m(upper_m))
+            };
+            let (letter, model, file) = (axis.letter(), mm(found), mm(machine));
+            let problem =
+                format!("the model is of a stroke of {letter} from {model}, and the machine file says {file}");
+            return refused("machine.stroke_m", problem, remedy);
         }
         Ok((file, digest))
     }
@@ -117,6 +132,12 @@ impl ModelFile {
 }
 
 /// The chain in words, from the workpiece to the tool: `Y, bed, X, Z`.
+/// Whether the ends of a stroke are not the same (m), but for the rounding of files in mm.
+fn differ(model: &Machine, file: &Machine, axis: Axis) -> bool {
+    let (own, other) = (model.stroke_m[axis.index()], file.stroke_m[axis.index()]);
+    (own.0 - other.0).abs().max((own.1 - other.1).abs()) > SAME_END_M
+}
+
 fn chain(machine: &Machine) -> String {
     let letters = |side| {
         machine.joints.iter().filter(move |joint| joint.side == side).map(|joint| joint.axis.letter().to_string())

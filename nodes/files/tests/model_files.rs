@@ -85,11 +85,14 @@ fn regress_a_machine_file_that_contradicts_the_model_is_refused_with_both_values
     let elsewhere = Machine { frame_id: "cmm_base".to_owned(), ..own.clone() };
     let mut table = own.clone();
     table.joints[0].side = Side::Workpiece;
-    let mut turned = own;
+    let mut turned = own.clone();
     turned.joints.swap(0, 1);
+    let mut longer = own;
+    longer.stroke_m[0].1 = 1.25;
     for (machine, parts) in [
         (elsewhere, ["model.json, key machine.frame_id", "\"bridge_xyz\"", "\"cmm_base\""]),
         (table, ["model.json, key machine.chain", "of the chain bed, X, Y, Z", "says X, bed, Y, Z"]),
+        (longer, ["model.json, key machine.stroke_m", "stroke of X from 0 to 800 mm", "says 0 to 1250 mm"]),
         (turned, ["model.json, key machine.chain", "of the chain bed, X, Y, Z", "says bed, Y, X, Z"]),
     ] {
         let error = ModelFile::load_for(&path, &machine).unwrap_err().to_string();

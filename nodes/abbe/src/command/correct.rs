@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
     /// Model file
     #[arg(long)]
     model: PathBuf,
-    /// Refuse a model of another machine than the one of this machine file
+    /// Refuse a model of another machine than the one of this machine file; its default_offset_mm goes before that of the model
     #[arg(long)]
     machine: Option<PathBuf>,
     /// Residual model that belongs to this model
@@ -69,10 +69,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let pages = [&arguments.html, &arguments.pdf].into_iter().flatten().map(PathBuf::as_path);
     let outputs = pages.chain([arguments.output.as_path()]);
     output::check(outputs, others.chain([arguments.input.as_path(), arguments.model.as_path()]))?;
-    let (model, sha256) = match &arguments.machine {
-        Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine)?,
+    let machine = arguments.machine.as_deref().map(abbe_files::read_machine).transpose()?.map(|file| file.machine);
+    let (model, sha256) = match &machine {
+        Some(machine) => ModelFile::load_for(&arguments.model, machine)?,
         None => ModelFile::load(&arguments.model)?,
     };
+    // The machine file says where the tip is now, the model where it was in the campaign.
+    let default_offset_m = machine.as_ref().unwrap_or(&model.model.parts().machine).default_offset_m;
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
     check_kinds(&arguments.input, &arguments.output)?;
     if is_bag(&arguments.input) {
@@ -93,7 +96,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(());
     }
     let shutdown = Shutdown::on_signals()?;
-    let correcting = Correcting { model: &model, residual: residual.as_ref(), shutdown: &shutdown };
+    let correcting = Correcting { model: &model, residual: residual.as_ref(), default_offset_m, shutdown: &shutdown };
     let (input, name) = input(&arguments.input)?;
     let of_model = (&sha256, &correcting);
     let tally = if is_standard(&arguments.output) {
@@ -206,6 +209,8 @@ fn input(path: &Path) -> anyhow::Result<(Box<dyn Read>, String)> {
 struct Correcting<'a> {
     model: &'a ModelFile,
     residual: Option<&'a OwnedField>,
+    /// Of tip or reflector, for a table without columns of it (m).
+    default_offset_m: Option<[f64; 3]>,
     shutdown: &'a Shutdown,
 }
 
@@ -225,16 +230,15 @@ impl<R: Read, F: FnMut() -> std::io::Result<()>> Read for FlushFirst<R, F> {
 
 /// Corrects a table, and writes it to what goes by this name. `is_stream` where rows leave as they come: then a number with two readings is refused at its row.
 fn correct_csv(
-    Correcting { model, residual, shutdown }: &Correcting,
+    Correcting { model, residual, default_offset_m, shutdown }: &Correcting,
     input: Box<dyn Read>,
     name: &str,
     (output, written): (impl Write, &str),
     is_stream: bool,
 ) -> anyhow::Result<Worth> {
-    let machine = &model.model.parts().machine;
     let writer = RefCell::new(None);
     let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
-    let reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
+    let reader = PointsReader::new(FlushFirst { input, flush }, name, *default_offset_m)?;
     let inputs = inputs_of(*residual);
     let mut reader = reader.following(model.model.reads().into_iter().chain(inputs.clone()));
     let points = PointsWriter::new(output, written, &reader)?;
