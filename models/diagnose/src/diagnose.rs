@@ -4,6 +4,7 @@
 //! and campaign in, SI, machine frame; nothing is read or written here.
 
 use crate::alias;
+use crate::aside;
 use crate::candidates::{Candidate, Round, columns_of};
 use crate::clock::{self, ClockShift};
 use crate::competing::{self, Without};
@@ -82,6 +83,7 @@ pub fn diagnose(
         true => Some("a step of the machine explains more than all that was found together".to_owned()),
         false => of_all(worth::refusal(&added, &before.model, &ended.weighed()?, campaign)),
     };
+    let mut withdrawn = Vec::new();
     if let Some(because) = because {
         let mut without = state.clone();
         without.withdraw(start.clone(), &because);
@@ -93,11 +95,15 @@ pub fn diagnose(
         };
         if let Some(because) = because {
             state.withdraw(start, &because);
+            if !is_outdone {
+                withdrawn = added;
+            }
             ended = plain;
             judged =
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
         }
     }
+    ended.model = aside::told(&search, &state, (ended.model, &withdrawn), observe)?;
     state.fit.model = ended.told.clone();
     let Ended { machine_step, wander, zeros, late, left: detection_after, kinds, without, competing, model, .. } =
         ended;

@@ -62,6 +62,7 @@
 
 mod alias;
 mod aliased_period;
+mod aside;
 mod candidates;
 mod clock;
 mod competing;

@@ -109,14 +109,6 @@ impl<'a> State<'a> {
         self.terms.iter().filter(|term| !has(base, term)).cloned().collect()
     }
 
-    /// Terms that went in and are still there, with their evidence then, over as many rows.
-    pub(crate) fn added(&self, rows: usize) -> impl Iterator<Item = (&EffectTerm, f64)> {
-        self.steps.iter().filter_map(move |step| match step {
-            Step::Added { term, candidate, .. } if has(&self.terms, term) => Some((term, candidate.evidence(rows))),
-            _ => None,
-        })
-    }
-
     /// Whether the term, or the same with other figures, is in the model or was refused.
     fn is_out(&self, term: &EffectTerm) -> bool {
         has(&self.terms, term) || self.is_refused(term)
@@ -380,14 +372,16 @@ impl<'a> Search<'a> {
             Ok((fit, round)) => {
                 let own = std::slice::from_ref(&term);
                 let verdict = gate::judge(&state.round, &round, self.campaign, own);
-                let costs = || worth::refusal(own, &state.fit.model, &fit.model, self.campaign);
+                let costs =
+                    || worth::refusal(own, &state.fit.model, &fit.model, self.campaign).map(|words| (words, true));
                 let untold = match fit.model.parts().effects.last() {
                     Some(fitted) => within_stations::refusal(self, (&state.fit, &state.round), fitted)?,
                     None => None,
                 };
-                verdict.refused.clone().or_else(costs).or(untold).map_or(Ok((fit, round, verdict)), Err)
+                let [refused, untold] = [verdict.refused.clone(), untold].map(|why| why.map(|words| (words, false)));
+                refused.or_else(costs).or(untold).map_or(Ok((fit, round, verdict)), Err)
             }
-            Err(problem) => Err(format!("it cannot be fitted: {problem}")),
+            Err(problem) => Err((format!("it cannot be fitted: {problem}"), false)),
         };
         match fitted {
             Ok((fit, round, verdict)) => {
@@ -397,9 +391,9 @@ impl<'a> Search<'a> {
                 self.prune(state, observe)?;
                 Ok(true)
             }
-            Err(because) => {
+            Err(why) => {
                 state.set_aside.push(term.clone());
-                state.steps.push(Step::SetAside { term, title: candidate.known.title, because });
+                state.steps.push(Step::set_aside_for(term, why));
                 Ok(false)
             }
         }

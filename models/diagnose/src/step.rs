@@ -37,6 +37,8 @@ pub(crate) enum Step {
         title: &'static str,
         /// Why.
         because: String,
+        /// It is there, and costs more than it is worth.
+        is_costly: bool,
     },
     /// A term went out: the others explain what it did.
     Removed { term: EffectTerm },
@@ -52,8 +54,14 @@ pub(crate) enum Step {
 impl Step {
     /// A term that goes out again, or stays out, and why.
     pub(crate) fn set_aside(term: EffectTerm, because: String) -> Step {
+        Step::set_aside_for(term, (because, false))
+    }
+
+    /// The same, of one that is there and costs more than it is worth where it is so.
+    pub(crate) fn set_aside_for(term: EffectTerm, (because, is_costly): (String, bool)) -> Step {
         let title = known(term.effect.name()).map_or("an effect", |known| known.title);
-        Step::SetAside { term, title, because }
+        let held = if is_costly { "; it corrects nothing, and stands in U" } else { "" };
+        Step::SetAside { term, title, because: because + held, is_costly }
     }
 
     /// What was decided, for readers.
@@ -70,7 +78,9 @@ impl Step {
             Step::Removed { term } => {
                 format!("removed {}: the others explain what it did", named(term.effect.name(), &term.shape))
             }
-            Step::SetAside { term, title, because } => format!("set aside {}: {because}", named(title, &term.shape)),
+            Step::SetAside { term, title, because, .. } => {
+                format!("set aside {}: {because}", named(title, &term.shape))
+            }
             Step::Noted(words) => words.clone(),
             Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
         }
@@ -111,6 +121,14 @@ impl State<'_> {
         }
     }
 
+    /// Terms that went in and are still there, with their evidence then, over as many rows.
+    pub(crate) fn added(&self, rows: usize) -> impl Iterator<Item = (&EffectTerm, f64)> {
+        self.steps.iter().filter_map(move |step| match step {
+            Step::Added { term, candidate, .. } if has(&self.terms, term) => Some((term, candidate.evidence(rows))),
+            _ => None,
+        })
+    }
+
     /// Effects with a cause that the search refused and did not let in.
     pub(crate) fn causes_set_aside(&self) -> impl Iterator<Item = &EffectTerm> {
         self.steps.iter().filter_map(|step| match step {
@@ -123,7 +141,7 @@ impl State<'_> {
     pub(crate) fn set_aside(&self) -> Vec<SetAside> {
         let mut all: Vec<SetAside> = Vec::new();
         for step in &self.steps {
-            if let Step::SetAside { term, title, because } = step {
+            if let Step::SetAside { term, title, because, .. } = step {
                 let (name, shape) = (term.effect.name().to_owned(), term.shape.clone());
                 all.retain(|known| known.name != name || known.shape != shape);
                 all.push(SetAside { name, title, shape, because: because.clone() });

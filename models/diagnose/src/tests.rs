@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: beside `tests/`, which sees whole diagnoses. Simulated campaigns, SI.
 
+use crate::aside;
 use crate::exchange;
 use crate::gate;
 use crate::options::DiagnoseOptions;
@@ -10,12 +11,13 @@ use crate::search::{Search, State};
 use crate::step::Step;
 use crate::{candidates::Candidate, paired, tomorrow, worth};
 use abbe_geometry::Axis;
+use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
-use abbe_identify::EffectTerm;
+use abbe_identify::{CampaignRow, EffectTerm};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
@@ -251,4 +253,42 @@ fn regress_a_growth_that_nobody_saw_come_to_rest_is_no_cause() {
     let by_temperature = Shape::new().text("axis", "x").text("sensor", "temp_air_c");
     let fitted = MachineModel::fitted_effect("scale_expansion", by_temperature, &machine, vec![1e-6, 0.0]).unwrap();
     assert_eq!(tomorrow::still_growing(&fitted, &campaign), None);
+}
+
+/// A load at one station was found, set aside as its size is not told, and U of points at that load held half of them.
+#[test]
+fn regress_what_is_there_and_not_told_stands_in_u_where_it_acts() {
+    let (machine, campaign) = simulated(12, &["table_load um_per_kg=1"]);
+    let options = DiagnoseOptions::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let mut state = state(&search, &machine);
+    let own = state.fit.model.clone();
+    let told = |state: &State| aside::told(&search, state, (own.clone(), &[]), &mut |_| true).unwrap();
+    assert_eq!(told(&state).parts().effects.len(), 0, "nothing was set aside");
+    let named = search.named(&state.round, &machine).unwrap();
+    let term = named.into_iter().find(|candidate| candidate.known.name == "table_load").unwrap().term;
+    let with = search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap().model;
+    // Another form of it says the same again.
+    for why in ["its size is not told", "nor is it in another form"] {
+        state.steps.push(Step::set_aside_for(term.clone(), (why.to_owned(), true)));
+    }
+    assert!(state.set_aside()[0].because.ends_with("it corrects nothing, and stands in U"));
+    let told = told(&state);
+    let at = |model: &MachineModel, load_kg: f64| {
+        let mut campaign = campaign.clone();
+        let column = campaign.covariates.iter_mut().find(|column| column.name == "load_kg").unwrap();
+        column.values.fill(Some(load_kg));
+        let row = CampaignRow { campaign: &campaign, reading: 0 };
+        let state = abbe_geometry::effects::State { reading_m: [0.4, 0.3, 0.3], offset_m: [0.0; 3], covariates: &row };
+        let corrected = correct(model, &state);
+        (corrected.position_m, corrected.covariance_m2.unwrap()[(2, 2)].sqrt())
+    };
+    for load_kg in [0.0, 10.0] {
+        assert!((at(&told, load_kg).0 - at(&own, load_kg).0).norm() < 1e-12, "it corrects nothing");
+    }
+    let moved_m = (at(&with, 10.0).0 - at(&own, 10.0).0).z.abs();
+    assert!(moved_m > 1e-6, "{moved_m:e}");
+    assert!(at(&told, 10.0).1 > moved_m, "{:e} beside {moved_m:e}", at(&told, 10.0).1);
+    // What the fit took for the machine's own is off as well: these stations saw all loads, and none alone.
+    assert!(at(&told, 0.0).1 > 2.0 * at(&own, 0.0).1 && at(&told, 100.0).1 > 4.0 * at(&told, 10.0).1);
 }

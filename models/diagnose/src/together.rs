@@ -29,24 +29,26 @@ pub(crate) fn hold<'a>(
             return Ok(());
         }
         let before = (first.0, &alike(search, state, (machine, first.1, base), observe)?);
-        let Some(because) = refusal(search, before, (&state.fit, &state.round), &added) else { return Ok(()) };
+        let Some((because, is_costly)) = refusal(search, before, (&state.fit, &state.round), &added) else {
+            return Ok(());
+        };
         let Some((out, fit, round)) = without_one(search, state, (before, base), observe)? else { return Ok(()) };
         let term = state.terms.remove(out);
         (state.fit, state.round, state.named) = (fit, round, None);
         let because = format!("beside all else that was found: {because}");
-        state.steps.push(Step::set_aside(term, because));
+        state.steps.push(Step::set_aside_for(term, (because, is_costly)));
     }
 }
 
-/// Why these terms together stay out; `None` where they may go in.
+/// Why these terms together stay out, and whether for what they cost; `None` where they may go in.
 fn refusal(
     search: &Search,
     (model, before): (&MachineModel, &Round),
     (fit, after): (&Identified, &Round),
     added: &[EffectTerm],
-) -> Option<String> {
-    let refused = gate::judge(before, after, search.campaign, added).refused;
-    refused.or_else(|| worth::refusal(added, model, &fit.model, search.campaign))
+) -> Option<(String, bool)> {
+    let refused = gate::judge(before, after, search.campaign, added).refused.map(|words| (words, false));
+    refused.or_else(|| worth::refusal(added, model, &fit.model, search.campaign).map(|words| (words, true)))
 }
 
 /// The term to go and the fit without it: the weakest whose absence lets the rest pass, else the weakest; `None` without a fit.

@@ -36,22 +36,51 @@ pub(crate) fn refusal(
     if terms.iter().all(|term| term.effect.reads().is_empty() || term.effect.happens_once()) {
         return None;
     }
-    let readings = spread(campaign.readings.len(), POINTS);
-    let rigid = rigid(&readings, campaign);
-    let (first, second) = (points(before, &readings, campaign)?, points(after, &readings, campaign)?);
-    let (u2_before, u2_after) = (variance_m2(before, &first, &rigid), variance_m2(after, &second, &rigid));
-    let difference: Vec<f64> = second.positions_m.iter().zip(&first.positions_m).map(|(b, a)| b - a).collect();
-    let d2 = square(&without(difference, &rigid)) / readings.len() as f64;
-    let is_costly = u2_after > FREE_GROWTH * u2_before && d2 < WORTH * (u2_after - u2_before);
-    is_costly.then(|| {
+    let cost = Cost::of(before, after, campaign)?;
+    cost.is_too_much().then(|| cost.words())
+}
+
+/// What a term does to corrected points, and what they lose by it (m², mean square in space, but for a rigid motion of all).
+pub(crate) struct Cost {
+    /// How far they move.
+    moved_m2: f64,
+    /// Variance without the term and with it.
+    variance_m2: [f64; 2],
+}
+
+impl Cost {
+    /// Of a model with a term beside one without it; `None` where points cannot be corrected.
+    pub(crate) fn of(before: &MachineModel, after: &MachineModel, campaign: &Campaign) -> Option<Cost> {
+        let readings = spread(campaign.readings.len(), POINTS);
+        let rigid = rigid(&readings, campaign);
+        let (first, second) = (points(before, &readings, campaign)?, points(after, &readings, campaign)?);
+        let difference: Vec<f64> = second.positions_m.iter().zip(&first.positions_m).map(|(b, a)| b - a).collect();
+        Some(Cost {
+            moved_m2: square(&without(difference, &rigid)) / readings.len() as f64,
+            variance_m2: [variance_m2(before, &first, &rigid), variance_m2(after, &second, &rigid)],
+        })
+    }
+
+    fn is_too_much(&self) -> bool {
+        let [before, after] = self.variance_m2;
+        after > FREE_GROWTH * before && self.moved_m2 < WORTH * (after - before)
+    }
+
+    /// Share of the variance with the term that is as much as the points move: the rest is what its prior allows, and no reading asks for.
+    pub(crate) fn told_share(&self) -> f64 {
+        (self.moved_m2 / self.variance_m2[1].max(f64::MIN_POSITIVE)).min(1.0)
+    }
+
+    fn words(&self) -> String {
+        let um = |square_m2: f64| square_m2.sqrt() * 1e6;
         format!(
             "these data hardly tell it from the machine's own errors: corrected points would move by {:.2} µm, and be uncertain \
              by {:.2} instead of {:.2} µm (rms in space, k = 1)",
-            d2.sqrt() * 1e6,
-            u2_after.sqrt() * 1e6,
-            u2_before.sqrt() * 1e6
+            um(self.moved_m2),
+            um(self.variance_m2[1]),
+            um(self.variance_m2[0])
         )
-    })
+    }
 }
 
 /// Corrected points one after the other, and what they depend on.

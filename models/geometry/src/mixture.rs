@@ -20,79 +20,128 @@ use crate::model::{FittedEffect, MachineModel, ModelError, ModelParts, Station, 
 pub fn mixture(models: &[(f64, &MachineModel)]) -> Result<MachineModel, ModelError> {
     let total: f64 = models.iter().map(|(weight, _)| weight).sum();
     let sound = total.is_finite() && total > 0.0 && models.iter().all(|(weight, _)| *weight >= 0.0);
-    let Some((_, first)) = models.first().filter(|_| sound) else {
+    if !sound {
         return Err(ModelError::Mixture { what: "weights" });
-    };
-    let mut effects: Vec<FittedEffect> = Vec::new();
-    for fitted in models.iter().flat_map(|(_, model)| &model.parts().effects) {
-        if place(&effects, fitted).is_none() {
-            effects.push(FittedEffect { parameters: vec![0.0; fitted.parameters.len()], ..fitted.clone() });
-        }
     }
-    let members: Vec<Member> = models
-        .iter()
-        .map(|(weight, model)| Member::of(weight / total, model, first, &effects))
-        .collect::<Result<_, _>>()?;
-    let count = first.layout().len() + length(&effects) + 4 * first.parts().stations.len();
-    let mut mean = vec![0.0; count];
-    for member in &members {
-        member.places.iter().zip(&member.values).for_each(|(place, value)| mean[*place] += member.weight * value);
+    let mut sum = Sum::of(models.iter().map(|(_, model)| *model).collect())?;
+    let weight = |k: usize| models[k].0 / total;
+    let mut mean = vec![0.0; sum.count];
+    for (k, member) in sum.members.iter().enumerate() {
+        member.places.iter().zip(&member.values).for_each(|(place, value)| mean[*place] += weight(k) * value);
     }
-    let spread = |member: &Member| -> Vec<f64> {
-        let mut own: Vec<f64> = mean.iter().map(|mean| -mean).collect();
-        member.places.iter().zip(&member.values).for_each(|(place, value)| own[*place] += value);
-        own
-    };
-    let (mut covariance, mut chords) = (vec![0.0; count * (count + 1) / 2], Vec::new());
-    for (member, (_, model)) in members.iter().zip(models) {
-        member.add(&mut covariance, &model.parts().covariance);
-        add_outer(&mut covariance, member.weight, &spread(member));
-        if !model.parts().chord_covariance.is_empty() {
-            chords.resize(covariance.len(), 0.0);
-            member.add(&mut chords, &model.parts().chord_covariance);
-        }
+    for k in 0..models.len() {
+        sum.add_covariance(k, weight(k));
+        let spread: Vec<f64> = sum.values(k).iter().zip(&mean).map(|(own, mean)| own - mean).collect();
+        add_outer(&mut sum.covariance, weight(k), &spread);
     }
-    let mut parts = ModelParts { covariance, chord_covariance: chords, ..first.parts().clone() };
-    if let Some(member) = members.first() {
-        parts
-            .quality
-            .unseen_expansions
-            .absorbed
-            .iter_mut()
-            .for_each(|absorbed| *absorbed = member.spread_over(absorbed, count));
-    }
-    let mut values = mean.into_iter();
-    parts.coefficients = values.by_ref().take(first.layout().len()).collect();
-    effects.iter_mut().for_each(|fitted| fitted.parameters = values.by_ref().take(fitted.parameters.len()).collect());
-    parts.effects = effects;
-    for station in &mut parts.stations {
-        let own: Vec<f64> = values.by_ref().take(4).collect();
-        *station = Station { position_m: [own[0], own[1], own[2]].into(), dead_path_m: own[3], ..station.clone() };
-    }
-    for (_, model) in models {
-        for difference in &model.parts().identified.differences {
-            if !parts.identified.differences.contains(difference) {
-                parts.identified.differences.push(difference.clone());
+    sum.model(mean)
+}
+
+/// The first model as it is, with what a term does that it lacks in its covariance: `without` and `with` are fits of the same data without
+/// the term and with it. It may do what the second fit moves, and is as uncertain there as this share (of a variance) of the second fit:
+///
+/// > C' = C + (θ₂ − θ₁)(θ₂ − θ₁)ᵀ + share · C₂.
+///
+/// # Errors
+/// [`ModelError`] where the models do not belong to one machine and campaign.
+pub fn beside(
+    model: &MachineModel,
+    (without, with): (&MachineModel, &MachineModel),
+    share: f64,
+) -> Result<MachineModel, ModelError> {
+    let mut sum = Sum::of(vec![model, without, with])?;
+    sum.add_covariance(0, 1.0);
+    sum.add_covariance(2, share);
+    let moved: Vec<f64> = sum.values(2).iter().zip(sum.values(1)).map(|(with, without)| with - without).collect();
+    add_outer(&mut sum.covariance, 1.0, &moved);
+    let mean = sum.values(0);
+    sum.model(mean)
+}
+
+/// Models over the parameters of all of them, and the covariance of what they come to.
+struct Sum<'a> {
+    models: Vec<&'a MachineModel>,
+    /// Of all models, with no size yet.
+    effects: Vec<FittedEffect>,
+    members: Vec<Member>,
+    /// Parameters in all.
+    count: usize,
+    /// Packed.
+    covariance: Vec<f64>,
+    chords: Vec<f64>,
+}
+
+impl<'a> Sum<'a> {
+    fn of(models: Vec<&'a MachineModel>) -> Result<Sum<'a>, ModelError> {
+        let first = *models.first().ok_or(ModelError::Mixture { what: "weights" })?;
+        let mut effects: Vec<FittedEffect> = Vec::new();
+        for fitted in models.iter().flat_map(|model| &model.parts().effects) {
+            if place(&effects, fitted).is_none() {
+                effects.push(FittedEffect { parameters: vec![0.0; fitted.parameters.len()], ..fitted.clone() });
             }
         }
-        let ranges = model.parts().identified.covariates.iter();
-        ranges.for_each(|(name, range)| {
-            parts.identified.covariates.entry(name.clone()).or_insert(*range);
-        });
+        let of = |model: &&MachineModel| Member::of(model, first, &effects);
+        let members = models.iter().map(of).collect::<Result<_, _>>()?;
+        let count = first.layout().len() + length(&effects) + 4 * first.parts().stations.len();
+        let covariance = vec![0.0; count * (count + 1) / 2];
+        Ok(Sum { models, effects, members, count, covariance, chords: Vec::new() })
     }
-    MachineModel::new(parts)
+
+    /// Values of a model, in the order of all.
+    fn values(&self, k: usize) -> Vec<f64> {
+        self.members[k].spread_over(&self.members[k].values, self.count)
+    }
+
+    /// Adds the covariance of a model so many times.
+    fn add_covariance(&mut self, k: usize, weight: f64) {
+        let (member, own) = (&self.members[k], self.models[k].parts());
+        member.add(&mut self.covariance, weight, &own.covariance);
+        if !own.chord_covariance.is_empty() {
+            self.chords.resize(self.covariance.len(), 0.0);
+            member.add(&mut self.chords, weight, &own.chord_covariance);
+        }
+    }
+
+    /// The model with these values and the covariance that was added up; all else is that of the first.
+    fn model(self, mean: Vec<f64>) -> Result<MachineModel, ModelError> {
+        let first = self.models[0];
+        let mut parts =
+            ModelParts { covariance: self.covariance, chord_covariance: self.chords, ..first.parts().clone() };
+        let absorbed = &mut parts.quality.unseen_expansions.absorbed;
+        absorbed.iter_mut().for_each(|own| *own = self.members[0].spread_over(own, self.count));
+        let mut values = mean.into_iter();
+        parts.coefficients = values.by_ref().take(first.layout().len()).collect();
+        parts.effects = self.effects;
+        let sizes = parts.effects.iter_mut();
+        sizes.for_each(|fitted| fitted.parameters = values.by_ref().take(fitted.parameters.len()).collect());
+        for station in &mut parts.stations {
+            let own: Vec<f64> = values.by_ref().take(4).collect();
+            *station = Station { position_m: [own[0], own[1], own[2]].into(), dead_path_m: own[3], ..station.clone() };
+        }
+        for model in &self.models {
+            for difference in &model.parts().identified.differences {
+                if !parts.identified.differences.contains(difference) {
+                    parts.identified.differences.push(difference.clone());
+                }
+            }
+            let ranges = model.parts().identified.covariates.iter();
+            ranges.for_each(|(name, range)| {
+                parts.identified.covariates.entry(name.clone()).or_insert(*range);
+            });
+        }
+        MachineModel::new(parts)
+    }
 }
 
 /// One of the models, in the order of the parameters of all.
 struct Member {
-    weight: f64,
     /// Of each of its parameters, the place among those of all.
     places: Vec<usize>,
     values: Vec<f64>,
 }
 
 impl Member {
-    fn of(weight: f64, model: &MachineModel, first: &MachineModel, all: &[FittedEffect]) -> Result<Member, ModelError> {
+    fn of(model: &MachineModel, first: &MachineModel, all: &[FittedEffect]) -> Result<Member, ModelError> {
         let (parts, geometry) = (model.parts(), first.layout().len());
         let names = |model: &MachineModel| model.parts().stations.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
         if model.layout().len() != geometry || parts.machine != first.parts().machine {
@@ -115,7 +164,7 @@ impl Member {
             values.extend(station.position_m.iter());
             values.push(station.dead_path_m);
         }
-        Ok(Member { weight, places, values })
+        Ok(Member { places, values })
     }
 
     /// Values of its own parameters among those of all.
@@ -125,12 +174,12 @@ impl Member {
         all
     }
 
-    /// Adds its share of a packed covariance of its own parameters to that of all.
-    fn add(&self, all: &mut [f64], own: &[f64]) {
+    /// Adds a share of a packed covariance of its own parameters to that of all.
+    fn add(&self, all: &mut [f64], weight: f64, own: &[f64]) {
         let mut entries = own.iter();
         for (row, a) in self.places.iter().enumerate() {
             for (b, value) in self.places[..=row].iter().zip(entries.by_ref()) {
-                all[packed(*a, *b)] += self.weight * value;
+                all[packed(*a, *b)] += weight * value;
             }
         }
     }

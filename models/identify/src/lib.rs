@@ -117,4 +117,4 @@ pub use rows::{Rows, residuals_of};
 pub use solve::{identify, identify_with};
 pub use term::{CampaignRow, EffectTerm};
 pub use unexplained::{Excess, by_axis};
-pub use unseen_expansion::unseen_expansions;
+pub use unseen_expansion::{is_expansion, unseen_expansions};

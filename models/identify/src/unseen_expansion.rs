@@ -100,6 +100,17 @@ pub fn unseen_expansions(
     all
 }
 
+/// Whether an effect stretches a scale with a temperature: what the data leave open of that is in [`unseen_expansions`].
+pub fn is_expansion(
+    effect: &dyn Effect,
+    fit: &Identified,
+    (instrument, campaign): (RangeUncertainty, &Campaign),
+) -> bool {
+    let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
+    let scales = Motion::of_scales();
+    asked.reads_one_and(effect, &|effect, reading| scales.iter().any(|scale| asked.does(effect, reading, scale)))
+}
+
 /// The tip goes along one axis, the more the farther another is out: an expansion where both are the same, else a squareness error.
 struct Motion {
     along: Axis,
@@ -263,10 +274,13 @@ impl Asked<'_> {
     /// Whether something holds of an effect that the model keeps and that reads a temperature, at one of some readings.
     fn any(&self, is_kept: &dyn Fn(&FittedEffect) -> bool, holds: &dyn Fn(&dyn Effect, usize) -> bool) -> bool {
         let effects = self.fit.model.parts().effects.iter().filter(|fitted| is_kept(fitted));
-        effects.map(|fitted| fitted.effect.as_ref()).any(|effect| {
-            let reads_one = effect.covariates().iter().any(|name| name.ends_with(TEMPERATURE));
-            reads_one && self.used().step_by(self.rows.len() / LOOKED_AT + 1).any(|reading| holds(effect, reading))
-        })
+        effects.map(|fitted| fitted.effect.as_ref()).any(|effect| self.reads_one_and(effect, holds))
+    }
+
+    /// Whether an effect reads a temperature, and something holds of it at one of some readings.
+    fn reads_one_and(&self, effect: &dyn Effect, holds: &dyn Fn(&dyn Effect, usize) -> bool) -> bool {
+        let reads_one = effect.covariates().iter().any(|name| name.ends_with(TEMPERATURE));
+        reads_one && self.used().step_by(self.rows.len() / LOOKED_AT + 1).any(|reading| holds(effect, reading))
     }
 
     /// Whether what an effect does along an axis in a kelvin changes with the reading of the other.

@@ -46,6 +46,33 @@ fn a_mean_of_models_corrects_to_the_mean_of_what_they_say() {
     }
 }
 
+/// What a term moves, and a share of what is not known of it, widen a coordinate where the term acts; the coordinate stays.
+#[test]
+fn a_term_beside_a_model_widens_and_moves_nothing() {
+    let [one, other] = two();
+    let without = one.without(|_| true).unwrap();
+    let with = other;
+    let beside = beside(&one, (&without, &with), 0.5).unwrap();
+    // What a coordinate is uncertain by beside the parameters, such as the repeatability of the machine.
+    let known = ModelParts { covariance: vec![0.0; with.parts().covariance.len()], ..with.parts().clone() };
+    let known = MachineModel::new(known).unwrap();
+    assert_eq!(beside.parts().effects.len(), 2);
+    for values in [[4.0, 4.0], [0.0, 9.0], [8.0, 1.0]] {
+        let logged = By(|name: &str| {
+            let at = NAMES.iter().position(|known| *known == name);
+            at.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(values[k]))
+        });
+        let of = |model: &MachineModel| correct(model, &at(&logged));
+        let (own, all) = (of(&one), of(&beside));
+        assert!((all.position_m - own.position_m).norm() < 1e-12);
+        let moved_m = of(&with).position_m - of(&without).position_m;
+        let of_parameters = of(&with).covariance_m2.unwrap() - of(&known).covariance_m2.unwrap();
+        let expected = own.covariance_m2.unwrap() + moved_m * moved_m.transpose() + of_parameters * 0.5;
+        let differs = (all.covariance_m2.unwrap() - expected).norm() / expected.norm();
+        assert!(differs < 1e-6, "{differs:e}");
+    }
+}
+
 #[test]
 fn a_mean_of_one_model_is_that_model() {
     let [one, _] = two();
