@@ -19,6 +19,8 @@ use std::collections::BTreeMap;
 
 /// Temperatures (°C) end so.
 pub const TEMPERATURE: &str = "_c";
+/// Pressures of the air (hPa) end so.
+const AIR_PRESSURE: &str = "_hpa";
 /// How far a temperature may lie from all that was seen (K) before it is taken for a broken sensor, or for another unit.
 const IMPLAUSIBLE_K: f64 = 50.0;
 /// What a quantity may change beyond its range whatever that is, by the end or the beginning of its name: what a machine that was
@@ -46,9 +48,13 @@ pub(crate) fn growth(name: &str, (low, high): (f64, f64), value: f64) -> f64 {
     }
 }
 
-/// Whether a quantity of a known kind changed more over its range than such a quantity does anywhere.
+/// Whether a quantity changed more over its range than one of its kind does anywhere. Of a kind that is not known any change counts, but
+/// for that of the weather.
 pub fn is_changed(name: &str, (low, high): (f64, f64)) -> bool {
-    least_beyond(name).is_some_and(|usual| usual > 0.0 && high - low > usual)
+    match least_beyond(name) {
+        Some(usual) => usual > 0.0 && high - low > usual,
+        None => high > low && !name.ends_with(AIR_PRESSURE),
+    }
 }
 
 /// How far beyond its range a quantity that no effect reads is still as in the campaign, at least, in the unit of its name; `None` where
