@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use futures::StreamExt;
 use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantStatusEvent, GUID, StatusEvented};
 
+use super::first_call;
 use crate::lock::lock;
 
 /// A participant announces itself 0.1 s after it was made; at this age those who were there before know it.
@@ -41,17 +42,23 @@ pub(super) struct Matched {
     unlisted: Mutex<BTreeMap<GUID, Instant>>,
     /// When the last of these told.
     listed_at: Mutex<Option<Instant>>,
+    /// Participants of Fast DDS.
+    of_fast_dds: Mutex<BTreeSet<GUID>>,
+    /// Only who has keys is heard.
+    is_secured: bool,
 }
 
 impl Matched {
     /// Of a participant made just now.
-    pub(super) fn new() -> Self {
+    pub(super) fn new(is_secured: bool) -> Self {
         Self {
             readers: Mutex::default(),
             since: Instant::now(),
             found_at: Mutex::default(),
             unlisted: Mutex::default(),
             listed_at: Mutex::default(),
+            of_fast_dds: Mutex::default(),
+            is_secured,
         }
     }
 
@@ -70,7 +77,7 @@ impl Matched {
     pub(super) fn await_calm(&self, participant: &DomainParticipant) {
         let (listener, began) = (participant.status_listener(), Instant::now());
         loop {
-            std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(event));
+            std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(participant, event));
             let is_caught_up = lock(&self.found_at).is_none_or(|at| at.elapsed() >= CAUGHT_UP_AFTER);
             let is_calm = is_caught_up && self.since.elapsed() >= KNOWN_AFTER || began.elapsed() >= LONGEST_WAIT;
             if is_calm && self.are_listed(participant) {
@@ -103,7 +110,7 @@ impl Matched {
         let listener = participant.status_listener();
         let mut events = listener.as_async_status_stream();
         while let Some(event) = events.next().await {
-            self.note(event);
+            self.note(participant, event);
         }
     }
 
@@ -112,10 +119,11 @@ impl Matched {
         lock(&self.readers).get(&writer).into_iter().flatten().copied().collect()
     }
 
-    fn note(&self, event: DomainParticipantStatusEvent) {
+    fn note(&self, participant: &DomainParticipant, event: DomainParticipantStatusEvent) {
         match event {
             DomainParticipantStatusEvent::ParticipantDiscovered { dpd } if dpd.vendor_id.vendor_id == FAST_DDS => {
                 let now = Instant::now();
+                lock(&self.of_fast_dds).insert(dpd.guid);
                 *lock(&self.found_at) = Some(now);
                 if self.since.elapsed() < THERE_BEFORE {
                     lock(&self.unlisted).entry(dpd.guid).or_insert(now);
@@ -123,9 +131,15 @@ impl Matched {
             }
             DomainParticipantStatusEvent::ParticipantLost { id, .. } => {
                 lock(&self.unlisted).retain(|guid, _| guid.prefix != id);
+                lock(&self.of_fast_dds).retain(|guid| guid.prefix != id);
             }
             DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
                 lock(&self.readers).entry(local_writer).or_default().insert(remote_reader);
+            }
+            DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, remote_writer } if !self.is_secured => {
+                if lock(&self.of_fast_dds).iter().any(|guid| guid.prefix == remote_writer.prefix) {
+                    first_call::ask_again(participant, local_reader, remote_writer);
+                }
             }
             DomainParticipantStatusEvent::ReaderLost { guid, .. } => {
                 for readers in lock(&self.readers).values_mut() {

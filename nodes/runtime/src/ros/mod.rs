@@ -9,6 +9,7 @@ mod clock;
 mod diagnostics;
 mod endpoint;
 mod environment;
+mod first_call;
 mod lifecycle;
 mod lifecycle_services;
 mod matched;

@@ -321,7 +321,7 @@ fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, In
         reason if enclave.is_some() => RosError::Keys { domain_id: domain.id(), reason },
         reason => failed(reason),
     })?;
-    let matched = Arc::new(Matched::new());
+    let matched = Arc::new(Matched::new(enclave.is_some()));
     matched.await_calm(&participant);
     let guid = Gid::from(participant.guid()).to_bytes16();
     let mut guid_prefix = [0; 12];
