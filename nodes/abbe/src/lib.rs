@@ -129,6 +129,9 @@ fn run() -> anyhow::Result<()> {
     command::run(arguments.command, ros_args)
 }
 
+/// What is written to the log where nobody says otherwise.
+const USUAL_LEVEL: &str = "warn,abbe_files=info";
+
 /// Writes the log to standard error from now on, with `before` at the beginning of each line; lines that repeat are left out
 /// where it is `throttled`.
 ///
@@ -136,7 +139,12 @@ fn run() -> anyhow::Result<()> {
 /// When `--log-level` is none.
 pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) -> anyhow::Result<()> {
     // How a table is written that is not plain CSV is always said.
-    let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
+    let level = match ros_args.log_level.as_deref() {
+        // That of one library says nothing of the others.
+        Some(level) if level.contains('=') => format!("{USUAL_LEVEL},{level}"),
+        Some(level) => level.to_owned(),
+        None => USUAL_LEVEL.to_owned(),
+    };
     // DDS speaks in gateways only; what its library has to say there is heard, but for its complaints about every clean
     // exit and about questions that come before it has found its own publishers. RUST_LOG shows more, and less.
     // The OPC UA server of a rehearsal calls each client that leaves a fatal error.

@@ -25,9 +25,9 @@ const RATE_HZ: f64 = 200.0;
 /// A stamp as f64 is good to this (s), so late after 1970.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Samples, one a millisecond, that may be missed while both sides find each other on a loaded machine. Before nodes waited for the
-/// endpoints of those who were there, the first 180 to 620 were lost: what is waited for then comes once a second.
-const MAY_MISS: usize = 150;
+/// Samples, one a millisecond, that may be missed while both sides find each other on a loaded machine; where nothing else runs none are.
+/// Before nodes waited for the endpoints of those who were there, the first 112 to 620 were lost: what is waited for then comes once a second.
+const MAY_MISS: usize = 60;
 
 /// What a program says that is there before a graph.
 #[track_caller]

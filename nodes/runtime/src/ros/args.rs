@@ -71,6 +71,15 @@ pub enum ArgsError {
         /// The argument.
         argument: String,
     },
+    /// A level that is none, or of a logger that this program has not.
+    #[error(
+        "--log-level '{value}': give debug, info, warn, error or fatal, for the whole program, or as library:=level for what one \
+         library says; one node alone gets it behind `abbe node NAME … --ros-args`"
+    )]
+    Level {
+        /// What was given.
+        value: String,
+    },
     /// An argument without its value.
     #[error("argument '{argument}' after --ros-args lacks its value ({expected})")]
     NoValue {
@@ -179,7 +188,7 @@ impl RosArgs {
                     self.parameters.extend(yaml::read_file(&path)?);
                 }
                 "-e" | "--enclave" => self.enclave = Some(value("a name such as /bridge_xyz")?),
-                "--log-level" => self.log_level = Some(directive(&value("a level such as info")?)),
+                "--log-level" => self.log_level = Some(directive(&value("a level such as info")?)?),
                 "--enable-rosout-logs" => self.no_rosout = false,
                 "--disable-rosout-logs" => self.no_rosout = true,
                 "--enable-stdout-logs" => self.no_console = false,
@@ -223,9 +232,25 @@ impl RosArgs {
 }
 
 /// A level as the filter of the log writes it: levels of ROS 2 are in any case, and `fatal` is an error.
-fn directive(level: &str) -> String {
-    level.replace(":=", "=").to_lowercase().replace("fatal", "error")
+fn directive(value: &str) -> Result<String, ArgsError> {
+    let refused = || ArgsError::Level { value: value.to_owned() };
+    let (logger, level) = value.split_once(":=").map_or((None, value), |(logger, level)| (Some(logger), level));
+    let level = match level.to_lowercase().as_str() {
+        "fatal" => "error".to_owned(),
+        level if LEVELS.contains(&level) => level.to_owned(),
+        _ => return Err(refused()),
+    };
+    // A logger of ROS 2 such as `bridge_xyz.scale` is a whole node; the filter knows parts of programs.
+    let is_part = |logger: &str| logger.chars().all(|c| c.is_ascii_alphanumeric() || "_:".contains(c));
+    match logger {
+        None => Ok(level),
+        Some(logger) if !logger.is_empty() && is_part(logger) => Ok(format!("{logger}={level}")),
+        Some(_) => Err(refused()),
+    }
 }
+
+/// Levels of the log, beside `fatal`.
+const LEVELS: [&str; 6] = ["trace", "debug", "info", "warn", "error", "off"];
 
 const ROS_ARGS: &str = "--ros-args";
 const REMAP_FORM: &str = "[node:]from:=to";
@@ -336,6 +361,9 @@ mod tests {
             ("--ros-args -r *:scale:=/x", "-r *:scale:=/x: '*'"),
             ("--ros-args -r hall/scale:__ns:=/x", "'hall/scale'"),
             ("--ros-args --params-file /nowhere.yaml", "/nowhere.yaml"),
+            ("--ros-args --log-level bogus", "'bogus': give debug"),
+            ("--ros-args --log-level bridge_xyz.scale:=info", "abbe node NAME"),
+            ("--ros-args --log-level rcl:=", "'rcl:='"),
         ] {
             let message = split(line).unwrap_err().to_string();
             assert!(message.contains(part), "{line}: {message}");

@@ -96,9 +96,8 @@ impl Enclave {
             Some("true") => true,
             Some(value) => return Err(of_variable(ENABLE, value, "use true or false")),
         };
-        if !is_built {
-            let asked = is_wanted.then(|| format!("{ENABLE}=true")).or(enclave.map(|name| format!("--enclave {name}")));
-            return asked.map_or(Ok(None), |asked| Err(SecurityError::NotBuilt { asked }));
+        if is_wanted && !is_built {
+            return Err(SecurityError::NotBuilt { asked: format!("{ENABLE}=true") });
         }
         if !is_wanted {
             if let Some(name) = enclave {
@@ -199,14 +198,13 @@ mod tests {
     }
 
     #[test]
-    fn a_program_without_the_library_refuses_whatever_asks_for_security() {
-        let refused = |enclave, variables: &[_]| found(enclave, false, variables).unwrap_err().to_string();
-        for words in [refused(None, &[(ENABLE, "true")]), refused(Some("/a"), &[(ENABLE, "false")])] {
-            assert!(words.contains("--features dds-security"), "{words}");
+    fn a_program_without_the_library_refuses_security_and_an_enclave_alone_asks_for_none() {
+        for enclave in [None, Some("/a")] {
+            let words = found(enclave, false, &[(ENABLE, "true")]).unwrap_err().to_string();
+            assert!(words.contains("--features dds-security") && words.contains("ROS_SECURITY_ENABLE=true"), "{words}");
+            assert_eq!(found(enclave, false, &[(ENABLE, "")]), Ok(None), "as in ROS 2");
+            assert_eq!(found(enclave, false, &[(ENABLE, "false")]), Ok(None));
         }
-        assert!(refused(None, &[(ENABLE, "true")]).contains("ROS_SECURITY_ENABLE=true"));
-        assert!(refused(Some("/a"), &[]).contains("--enclave /a"));
-        assert_eq!(found(None, false, &[(ENABLE, "")]), Ok(None));
     }
 
     #[test]
