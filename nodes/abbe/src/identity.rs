@@ -3,7 +3,7 @@
 //! Place in the flow: what the data say, what the machine file or `--identity` says, and what the options say come together here. What
 //! none of them says is left out. Where two of them differ nothing is chosen: that is an error.
 
-use abbe_files::{Days, MachineFile, TableFacts, is_temperature, read_identity};
+use abbe_files::{Contact, Days, MachineFile, TableFacts, is_temperature, read_identity};
 use abbe_measurement::campaign::Campaign;
 use abbe_report::Identity;
 use anyhow::{Context, ensure};
@@ -98,6 +98,8 @@ impl IdentityOptions {
             measured: self.days(said, &stated)?.map(|days| days.to_string()),
             temperature_c: said.temperatures()?.or(stated.temperature_c),
             place: stated.place.clone(),
+            laboratory: stated.laboratory.as_ref().map(contact),
+            customer: stated.customer.as_ref().map(contact),
         };
         Ok(Who { shown, stated })
     }
@@ -121,6 +123,12 @@ impl IdentityOptions {
         }
         Ok(of_data.or(named.map(|(days, _)| days)))
     }
+}
+
+/// A name and where it is, in a line.
+fn contact(of: &Contact) -> String {
+    let known = [Some(&of.name), of.city.as_ref(), of.country.as_ref()];
+    known.into_iter().flatten().map(String::as_str).collect::<Vec<_>>().join(", ")
 }
 
 /// Lowest and highest of all temperatures that were logged in a campaign.

@@ -180,9 +180,9 @@ pub(crate) fn tone(grade: Grade) -> Tone {
     }
 }
 
-/// A finding among others, for a report: after these words.
-pub(crate) fn remark(finding: &Finding, before: &str) -> Callout {
-    let text = format!("{before}{}", in_words(&finding.to_string()));
+/// A finding among others, for a report.
+pub(crate) fn remark(finding: &Finding) -> Callout {
+    let text = in_words(&finding.to_string());
     Callout { tone: tone(finding.grade), title: String::new(), text }
 }
 

@@ -31,6 +31,12 @@ pub struct Identity {
     pub temperature_c: Option<[f64; 2]>,
     /// Where it was measured.
     pub place: Option<String>,
+    /// Who measured for it: name and place of the laboratory.
+    #[serde(default)]
+    pub laboratory: Option<String>,
+    /// Name and place of the customer.
+    #[serde(default)]
+    pub customer: Option<String>,
 }
 
 impl Identity {
@@ -50,6 +56,8 @@ impl Identity {
             ("Measured", self.measured.as_ref().map(|days| days.replace('/', " to "))),
             ("Operator", self.operator.clone()),
             ("Place", self.place.clone()),
+            ("Laboratory", self.laboratory.clone()),
+            ("Customer", self.customer.clone()),
             (
                 "Machine",
                 joined(&[("", &self.machine), ("", &self.machine_type), ("serial number ", &self.machine_serial)]),

@@ -251,7 +251,9 @@
     };
     const at = (p) => project(p).map((v) => v.toFixed(2)).join(" ");
     const tipOf = (p, e) => p.map((v, k) => v + e[k] * unit * enlarged);
-    let shown = [];
+    const places = () => points.map(([x, y, z]) => project([x, y, z]));
+    // Before anything is turned they stand as the page has them.
+    let shown = places();
     const draw = () => {
       const edges = [];
       for (let from = 0; from < 8; from += 1) {
@@ -265,7 +267,7 @@
         const place = { x: to[0] + away * dx, y: to[1] + away * dy + 4, "text-anchor": "middle" };
         scene.append(make("text", { class: "muted halo", ...place }, name));
       });
-      shown = points.map(([x, y, z]) => project([x, y, z]));
+      shown = places();
       scene.append(make("path", { class: "dot muteds", d: points.map((p) => `M${at(p)}h.01`).join("") }));
       states.forEach(([name, letter], k) => {
         const with_it = points.filter((p) => p[3 + 3 * k] !== null);
@@ -379,8 +381,9 @@
   if (is_state("B") && is_state("A")) {
     const group = make("span", { role: "group", "aria-label": "Before or after" });
     const states = [["before and after", ""], ["before", "only-before"], ["after", "only-after"]];
+    if (is_state("M")) states.splice(2, 0, ["between", "only-between"]);
     const buttons = states.map(([text, name]) => button(text, `Show ${text}`, () => {
-      document.body.classList.remove("only-before", "only-after");
+      document.body.classList.remove("only-before", "only-between", "only-after");
       if (name) document.body.classList.add(name);
       buttons.forEach((one, k) => one.setAttribute("aria-pressed", String(states[k][1] === name)));
     }));
@@ -395,6 +398,7 @@
     // What stands in two states, such as a station, is a name of none.
     const kinds = [...letters].filter(([, found]) => new Set(found).size === 1).map(([name, found]) => [name, `p${found[0]}`]);
     const kind = (text) => kinds.find(([name]) => text === name || text.endsWith(` ${name}`))?.[1];
+    all("svg text[data-n]").forEach((text) => { const of = kind(text.textContent); if (of) text.classList.add(of); });
     all("table").forEach((table) => {
       [...table.tHead.rows[0].cells].forEach((head, k) => {
         const of = kind(head.firstChild.textContent);

@@ -287,7 +287,8 @@ fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
 fn regress_the_switch_reaches_maps_and_tables_and_shapes_say_at_once_what_they_are() {
     let steps = r#"
         const row = (state) => all("tr").filter((r) => [...r.cells].some((c) => c.textContent === state));
-        const shown = (state, letter) => [row(state).some(seen), all(`g.p${letter}`).some(seen)];
+        const clear = (node) => getComputedStyle(node).opacity === "1";
+        const shown = (state, letter) => [row(state).some(seen), all(`g.p${letter}`).some(clear)];
         const choose = (text) => all(".bar button").find((b) => b.textContent === text).click();
         const both = [shown("as indicated", "B"), shown("corrected", "A")];
         choose("before");
@@ -299,7 +300,11 @@ fn regress_the_switch_reaches_maps_and_tables_and_shapes_say_at_once_what_they_a
         const station = over(stations.querySelector("circle[data-told]"));
         const lines = over(stations.querySelector(".hair[data-n]"));
         const cell = over(document.querySelector("g.pA rect[data-told]"));
-        return { both, before, after, station, lines, cell, left: all("figure > svg * > title").length };"#;
+        const three = document.querySelector("figure.three svg");
+        const [, x, y] = three.querySelector(".scene .muteds").getAttribute("d").match(/M(\S+) ([-\d.]+)/).map(Number);
+        point("pointermove", three, x + 2, y + 2);
+        const vector = tip();
+        return { both, before, after, station, lines, cell, vector, left: all("figure > svg * > title").length };"#;
     let Some(seen) = in_browser(&common::demo_report(1).html().unwrap(), steps) else { return };
     assert_eq!(seen["both"], json!([[true, true], [true, true]]));
     assert_eq!(seen["before"], json!([[true, true], [false, false]]));
@@ -307,6 +312,7 @@ fn regress_the_switch_reaches_maps_and_tables_and_shapes_say_at_once_what_they_a
     assert!(seen["station"][0].as_str().unwrap().starts_with("A: x "), "{}", seen["station"]);
     assert_eq!(seen["lines"], json!(["A"]));
     assert!(seen["cell"][0].as_str().unwrap().ends_with(" µm"), "{}", seen["cell"]);
+    assert!(seen["vector"][0].as_str().unwrap().starts_with("x "), "{}", seen["vector"]);
     assert_eq!(seen["left"], json!(0), "a browser would say it a second time");
 }
 

@@ -15,7 +15,7 @@ use abbe_measurement::guideway::{
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
-    Report, Section, State, TableSection, Tone, digits,
+    Report, Section, TableSection, Tone, digits,
 };
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -236,7 +236,7 @@ fn report(
         y: Axis::new(names[k].clone(), if k < 3 { "µm" } else { "µrad" }),
         curves: vec![Curve {
             name: "error".to_owned(),
-            style: CurveStyle::LineOf(State::Before),
+            style: CurveStyle::Line(1),
             x: x.clone(),
             y: solved.positions.iter().map(|p| Some(shown(p)[k])).collect(),
             half_width: Some(solved.positions.iter().map(|p| expanded(p).map(|u| u[k])).collect()),

@@ -70,7 +70,7 @@ impl Screen {
             Shown::SoFar(Ok(SoFar { readings, u_m, findings, .. })) => {
                 self.so_far = Ok((*readings, *u_m));
                 for finding in findings {
-                    self.say(&remark(finding, &format!("of {readings} readings so far: ")).text);
+                    self.say(&format!("of {readings} readings so far: {}", remark(finding).text));
                 }
             }
             Shown::SoFar(Err(why)) => self.so_far = Err(why.clone()),
@@ -229,7 +229,7 @@ fn said(finding: &Finding) -> String {
         Grade::Warning => "warning",
         Grade::Refusal => "abbe identify will refuse it",
     };
-    format!("{grade}: {}", remark(finding, "").text)
+    format!("{grade}: {}", remark(finding).text)
 }
 
 fn json_of(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar, String>) -> Value {

@@ -108,7 +108,7 @@ fn finding_callout(finding: &Finding) -> Callout {
         Grade::Message => "What the readings say of themselves",
         Grade::Warning | Grade::Refusal => "What the readings say against each other",
     };
-    Callout { title: title.to_owned(), ..verdict::remark(finding, "") }
+    Callout { title: title.to_owned(), ..verdict::remark(finding) }
 }
 
 fn callout(title: &str, text: String) -> Section {

@@ -235,18 +235,18 @@ fn report(document: &Document) -> Report {
     }
 }
 
-/// How many figures came out how; with a share of the runs nothing is judged.
-fn answer(document: &Document) -> Section {
-    if document.effort < 1.0 {
-        return Section::Callout(Callout {
-            tone: Tone::Warning,
-            title: "Not judged".to_owned(),
-            text: format!(
-                "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published.",
-                document.effort * 100.0
-            ),
-        });
-    }
+/// Why nothing is judged; `None` where all runs were made.
+fn part_of_the_runs(document: &Document) -> Option<String> {
+    (document.effort < 1.0).then(|| {
+        format!(
+            "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published.",
+            document.effort * 100.0
+        )
+    })
+}
+
+/// How many figures came out how.
+fn counts(document: &Document) -> Vec<(String, usize)> {
     let mut counts: Vec<(String, usize)> = Vec::new();
     for row in &document.figures {
         let verdict = row.verdict.to_owned();
@@ -255,13 +255,33 @@ fn answer(document: &Document) -> Section {
             None => counts.push((verdict, 1)),
         }
     }
+    counts
+}
+
+/// The same on a terminal; with a share of the runs nothing is judged.
+fn answer_in_words(document: &Document) -> String {
+    let counted = || {
+        let each = counts(document).into_iter().map(|(verdict, count)| format!("{count} {verdict}"));
+        format!("Of {} figures: {}.", document.figures.len(), each.collect::<Vec<_>>().join(", "))
+    };
+    part_of_the_runs(document).unwrap_or_else(counted) + "\n"
+}
+
+/// The same on the page.
+fn answer(document: &Document) -> Section {
+    if let Some(text) = part_of_the_runs(document) {
+        return Section::Callout(Callout { tone: Tone::Warning, title: "Not judged".to_owned(), text });
+    }
     let figure = |(label, count): (String, usize)| KeyFigure {
         label,
         value: Some(Quantity::new(count as f64, 0)),
         detail: Some(format!("of {} figures", document.figures.len())),
         ..KeyFigure::default()
     };
-    Section::KeyFigures(KeyFigures { title: "Verdicts".to_owned(), figures: counts.into_iter().map(figure).collect() })
+    Section::KeyFigures(KeyFigures {
+        title: "Verdicts".to_owned(),
+        figures: counts(document).into_iter().map(figure).collect(),
+    })
 }
 
 fn missing(missing: &NotComputed) -> Section {
@@ -293,7 +313,7 @@ fn table(paper: &str, document: &Document) -> Option<Section> {
 
 /// The table for a terminal: a figure takes a few lines, since its texts are sentences.
 fn words(document: &Document) -> String {
-    let mut text = String::new();
+    let mut text = answer_in_words(document);
     let mut paper = "";
     for row in &document.figures {
         if row.paper != paper {

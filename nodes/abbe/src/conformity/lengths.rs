@@ -132,6 +132,7 @@ fn rounded_up(constant_um: f64) -> String {
 pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
     let symbol = errors.test.symbol();
     let mut text = format!("{symbol}: {}\n", lead(errors).replace('−', "-"));
+    text.push_str(&limit_words(errors, limits, rule)?);
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
@@ -171,7 +172,6 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
     );
     let corners: Vec<String> = frontier.corners().iter().map(supported_text).collect();
     let _ = writeln!(text, "  as tight       {}", corners.join("; "));
-    text.push_str(&limit_words(errors, limits, rule)?);
     text.push_str(&departure_words(STANDARD, &errors.departures));
     Ok(text)
 }

@@ -15,6 +15,7 @@ use crate::verification::{VerificationPoints, Verified, errors};
 use abbe_files::{MachineFile, ModelFile, hex};
 use abbe_geometry::Vector3;
 use abbe_graph::launch::NodeName;
+use abbe_identify::verdict::{Finding, Subject};
 use abbe_msgs::CorrectedCoordinates;
 use abbe_report::diagnosis::Both;
 use abbe_report::{
@@ -183,14 +184,12 @@ fn live(facts: &Facts) -> LiveFigures {
 }
 
 fn remarks(facts: &Facts) -> Vec<Callout> {
-    // What the first model lacked is answered where another one took over.
-    let before = match facts.points_after_loop {
-        Some(_) => "before the loop, ",
-        None => "",
-    };
+    let is_closed = facts.points_after_loop.is_some();
     let warning = |text: String| Callout { tone: Tone::Warning, title: String::new(), text };
-    let findings = facts.found.verdict.findings.iter();
-    let mut remarks: Vec<Callout> = findings.map(|finding| verdict::remark(finding, before)).collect();
+    // What another model has answered.
+    let is_answered = |finding: &&Finding| matches!(finding.subject, Subject::Noise { .. }) && is_closed;
+    let findings = facts.found.verdict.findings.iter().filter(|finding| !is_answered(finding));
+    let mut remarks: Vec<Callout> = findings.map(verdict::remark).collect();
     let extrapolated = facts.points.extrapolated();
     if extrapolated > 0 {
         remarks

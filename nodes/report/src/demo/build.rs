@@ -1,6 +1,7 @@
 //! From the data of a corrected campaign to its report: header, key figures, remarks, then the chapters.
 
 use super::{DemoReport, LiveFigures};
+use crate::diagnosis::ErrorFigures;
 use crate::error::ReportError;
 use crate::finite::check_finite;
 use crate::report::{MetaItem, Report, to_json};
@@ -158,31 +159,17 @@ impl DemoReport {
 
     fn fit_figures(&self) -> [KeyFigure; 3] {
         let fit = &self.fit;
-        // Of the model that the run began with: where another took over, these are not the figures of the answer.
-        let before = self.closing.as_ref().and_then(|closing| closing.in_use.as_ref()).map(|_| "before the loop; ");
-        let of_fit = |detail: String| format!("{}{detail}", before.unwrap_or_default());
-        let declared = fit
-            .declared_sigma_um
-            .map(|s| of_fit(format!("by the median of its sizes; declared {} µm", Quantity::result(s).text())));
         let total = fit.readings_used + fit.readings_rejected;
+        let [residual, chi2] = self.fit_before_and_after();
         [
+            residual,
             KeyFigure {
-                label: "Residual σ".to_owned(),
-                value: fit.residual_sigma_um.map(Quantity::result),
-                unit: "µm".to_owned(),
-                detail: declared,
-                ..KeyFigure::default()
-            },
-            KeyFigure {
-                label: "χ² per degree of freedom".to_owned(),
-                value: fit.chi2_per_dof.map(Quantity::result),
-                detail: fit.degrees_of_freedom.map(|v| of_fit(format!("{v:.0} degrees of freedom"))),
-                tone: match fit.chi2_per_dof {
+                tone: match chi2.value.map(|chi2| chi2.value) {
                     Some(v) if CHI2_RANGE.contains(&v) => Tone::Good,
                     Some(_) => Tone::Warning,
                     None => Tone::Neutral,
                 },
-                ..KeyFigure::default()
+                ..chi2
             },
             KeyFigure {
                 label: "Readings used".to_owned(),
@@ -190,6 +177,34 @@ impl DemoReport {
                 detail: Some(format!("of {total}; {} rejected", fit.readings_rejected)),
                 ..KeyFigure::default()
             },
+        ]
+    }
+
+    /// Residual and χ² of the fit; where another model took over, of the readings that it was found from, with both.
+    fn fit_before_and_after(&self) -> [KeyFigure; 2] {
+        let closing = self.closing.as_ref().filter(|closing| closing.in_use.is_some());
+        let figure = |label: &str, [before, value]: [Option<f64>; 2], unit: &str, detail: Option<String>| KeyFigure {
+            label: label.to_owned(),
+            before: before.map(Quantity::result),
+            value: value.map(Quantity::result),
+            unit: unit.to_owned(),
+            detail,
+            ..KeyFigure::default()
+        };
+        if let Some(errors) = closing.and_then(|closing| closing.errors.as_ref()) {
+            let of = |of: fn(&ErrorFigures) -> Option<f64>| [of(&errors.before), of(&errors.after)];
+            let kept = || Some("of the readings that the monitor kept".to_owned());
+            return [
+                figure("Range residual, rms", of(|e| e.residual_rms_um), "µm", kept()),
+                figure("χ² per degree of freedom", of(|e| e.chi2_per_dof), "", kept()),
+            ];
+        }
+        let fit = &self.fit;
+        let declared = |s: f64| format!("by the median of its sizes; declared {} µm", Quantity::result(s).text());
+        let degrees = |v: f64| format!("{v:.0} degrees of freedom");
+        [
+            figure("Residual σ", [None, fit.residual_sigma_um], "µm", fit.declared_sigma_um.map(declared)),
+            figure("χ² per degree of freedom", [None, fit.chi2_per_dof], "", fit.degrees_of_freedom.map(degrees)),
         ]
     }
 

@@ -27,7 +27,11 @@ impl DemoReport {
         }
         let intro = "Residual = measured − modelled range of the readings used. Structure in position, time or \
                      station is what the model does not describe.";
-        sections.push(heading("Residuals of the fit", Some(intro)));
+        let of = match self.closing.as_ref().and_then(|closing| closing.in_use.as_ref()) {
+            Some(_) => "Residuals of the fit, before the loop",
+            None => "Residuals of the fit",
+        };
+        sections.push(heading(of, Some(intro)));
         sections.push(Section::ResidualMap(self.residual_map()));
         sections.push(Section::Histogram(self.histograms()));
         sections.push(Section::LinePlot(self.over_time()));

@@ -27,10 +27,6 @@ pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
     pairs(&mut pages, &known.iter().map(|(label, text)| (*label, text.as_str())).collect::<Vec<_>>())?;
     let (opening, rest) = report.sections.split_at(report.opening());
     opening.iter().try_for_each(|section| add(&mut pages, section))?;
-    if let Some(next) = &report.next {
-        pages.y += 14.0;
-        pages.text("body", 18.0, &format!("Next, {}: {}", next.what_for, next.command))?;
-    }
     rest.iter().try_for_each(|section| add(&mut pages, section))?;
     let made = report.made_from();
     if !made.is_empty() {

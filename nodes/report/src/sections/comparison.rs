@@ -11,7 +11,7 @@ use crate::frame::{Area, Labels, WIDTH_PX, begin_panel, draw_empty, end_panel};
 use crate::scale::{Scale, extent};
 use crate::stats::{BoxStats, quantile_sorted, sorted};
 use crate::svg::{Anchor, Drawing, Svg};
-use crate::text::{fixed, with_unit};
+use crate::text::{fixed, significant, with_unit};
 
 /// From this ratio of largest to smallest on, the axis is logarithmic.
 const LOG_RATIO: f64 = 20.0;
@@ -23,6 +23,8 @@ const TEXT_PX: f64 = 9.0;
 const LINE_PX: f64 = 14.0;
 const LABEL_PX: f64 = 5.8;
 const GAP_PX: f64 = 5.0;
+/// Of a title above its panel, px.
+const ABOVE_PX: f64 = 9.0;
 /// Class of the state before, and of the last state.
 const BEFORE: &str = "B";
 const AFTER: &str = "A";
@@ -121,6 +123,10 @@ impl Comparison {
             ..Labels::default()
         };
         draw_boxes(svg, area, &y, &labels, &boxes, &self.classes(), &self.unit);
+        let Some(whole) = boxes.last() else { return };
+        let rms: Vec<String> = whole.boxes.iter().flatten().map(|of| significant(of.rms, 3)).collect();
+        let text = format!("{}, rms: {} {}", whole.label, rms.join(" → "), self.unit);
+        svg.text("strong", (area.right(), area.top - ABOVE_PX), Anchor::End, &text);
     }
 
     fn draw_cumulative(&self, svg: &mut Svg, area: Area) {

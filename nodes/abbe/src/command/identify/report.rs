@@ -41,7 +41,7 @@ pub(super) fn report(
             software_version: file.software.clone(),
         },
         is_fit_alone: true,
-        remarks: found.verdict.findings.iter().map(|finding| verdict::remark(finding, "")).collect(),
+        remarks: found.verdict.findings.iter().map(verdict::remark).collect(),
         ..Fitted { loaded, model: file, found }.report()
     })
 }
