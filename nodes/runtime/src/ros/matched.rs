@@ -119,6 +119,10 @@ impl Matched {
         lock(&self.readers).get(&writer).into_iter().flatten().copied().collect()
     }
 
+    fn is_of_fast_dds(&self, endpoint: GUID) -> bool {
+        lock(&self.of_fast_dds).iter().any(|participant| participant.prefix == endpoint.prefix)
+    }
+
     fn note(&self, participant: &DomainParticipant, event: DomainParticipantStatusEvent) {
         match event {
             DomainParticipantStatusEvent::ParticipantDiscovered { dpd } if dpd.vendor_id.vendor_id == FAST_DDS => {
@@ -136,10 +140,10 @@ impl Matched {
             DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
                 lock(&self.readers).entry(local_writer).or_default().insert(remote_reader);
             }
-            DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, remote_writer } if !self.is_secured => {
-                if lock(&self.of_fast_dds).iter().any(|guid| guid.prefix == remote_writer.prefix) {
-                    first_call::ask_again(participant, local_reader, remote_writer);
-                }
+            DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, remote_writer }
+                if !self.is_secured && self.is_of_fast_dds(remote_writer) =>
+            {
+                first_call::ask_again(participant, local_reader, remote_writer);
             }
             DomainParticipantStatusEvent::ReaderLost { guid, .. } => {
                 for readers in lock(&self.readers).values_mut() {
