@@ -290,6 +290,7 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
         assert_eq!(heard["values of monitor"], json!([7.0, 50]));
         let events = heard["events"].as_array().unwrap();
         assert!(events.contains(&json!([topic("geometric"), "model", model])), "{events:?}");
+        assert_eq!(heard["old events"], json!(0));
         assert!(!events.iter().any(|event| event[2] == 6.0), "none of two that belong together: {events:?}");
         let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));
         let mut models: Vec<_> = samples.iter().map(|sample| sample.model_sha256).collect();

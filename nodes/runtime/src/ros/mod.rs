@@ -17,6 +17,7 @@ mod meant;
 mod names;
 mod node;
 mod parameter_services;
+mod parameter_values;
 mod parameters;
 mod qos;
 mod qos_overrides;

@@ -24,6 +24,7 @@ use super::endpoint::{dds_name, endpoint_error};
 use super::matched::Matched;
 use super::names::{self, NameError, NodeIdentity};
 use super::parameter_services::{Ask, ParameterServices};
+use super::parameter_values::Values;
 use super::parameters::{ParameterSpec, ParameterTable};
 use super::queued::QueuedPublisher;
 use super::service::Service;
@@ -92,6 +93,7 @@ pub(super) struct Inner {
     remaps: Vec<RemapRule>,
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
+    values: Arc<Values>,
     matched: Arc<Matched>,
     /// Types of the messages that it publishes or takes.
     types: Types,
@@ -127,7 +129,9 @@ impl RosNode {
         let (context, introduced, matched) = participant(options.domain, options.enclave.as_ref())?;
         let calm = || matched.await_calm(&context.domain_participant());
         let mut node = create(&context, &options)?;
-        let parameters = ParameterServices::open(&mut node, &options, ask, &calm)?;
+        calm();
+        let values = Arc::new(Values::open(&mut node, &options.identity)?);
+        let parameters = ParameterServices::open(&mut node, &options, (Arc::clone(&values), ask), &calm)?;
         let types = Types::default();
         calm();
         let descriptions = TypeDescriptions::open(&mut node, &options.identity, types.clone())?;
@@ -146,7 +150,8 @@ impl RosNode {
         let NodeOptions { identity, remaps, peers, .. } = options;
         let _meeting = peers.meet(introduced)?;
         let (stop, thread) = (Some(stop), Some(thread));
-        let inner = Inner { identity, remaps, introduced, node, matched, types, _meeting, stop, thread, context };
+        let inner =
+            Inner { identity, remaps, introduced, node, values, matched, types, _meeting, stop, thread, context };
         Ok(Self(Arc::new(inner)))
     }
 
@@ -178,7 +183,7 @@ impl RosNode {
     /// The value that a parameter has now.
     #[must_use]
     pub fn parameter(&self, name: &str) -> Option<ParameterValue> {
-        self.lock().get_parameter(name)
+        self.0.values.get(&self.0.node, name)
     }
 
     /// A publisher of any ROS 2 message, on its own thread behind a queue of `depth` messages.

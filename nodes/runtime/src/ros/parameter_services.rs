@@ -1,8 +1,7 @@
 //! The six services by which `ros2 param` lists, reads, describes and sets parameters.
 //!
 //! Place in the flow: served on the node's own thread, beside discovery. Those of the DDS library
-//! describe neither unit nor range, so they are served here from the [`ParameterTable`]; values and
-//! `/parameter_events` stay with the library's node.
+//! describe neither unit nor range, so they are served here from the [`ParameterTable`]; values are those of [`Values`].
 
 use std::sync::{Arc, Mutex};
 
@@ -18,6 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::node::lock;
+use super::parameter_values::Values;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
 use super::service::Service;
 use super::{NodeOptions, RosError, TriggerOutcome};
@@ -31,6 +31,7 @@ pub(crate) type Ask =
 /// The open services.
 pub(super) struct ParameterServices {
     table: ParameterTable,
+    now: Arc<Values>,
     /// Who is asked before a value is set; nobody where the node looks its values up.
     ask: Option<Ask>,
     list: Service<ListParametersRequest, ListParametersResponse>,
@@ -46,12 +47,13 @@ impl ParameterServices {
     pub(super) fn open(
         node: &mut Node,
         options: &NodeOptions,
-        ask: Option<Ask>,
+        (now, ask): (Arc<Values>, Option<Ask>),
         calm: &dyn Fn(),
     ) -> Result<Self, RosError> {
         let mut opener = Opener { node, calm, prefix: options.identity.qualified() };
         Ok(Self {
             table: options.parameters.clone(),
+            now,
             ask,
             list: opener.open("list_parameters", "ListParameters")?,
             get: opener.open("get_parameters", "GetParameters")?,
@@ -69,10 +71,11 @@ impl ParameterServices {
                 result: list(&lock(node).list_parameters(), &request),
             }),
             self.get.serve(async |request| GetParametersResponse {
-                values: values(node, &request.names).map(Into::into).collect(),
+                values: self.values(node, &request.names).map(Into::into).collect(),
             }),
             self.types.serve(async |request| GetParameterTypesResponse {
-                values: values(node, &request.names)
+                values: self
+                    .values(node, &request.names)
                     .map(|value| ParameterValue::to_parameter_type_raw(&value))
                     .collect(),
             }),
@@ -96,7 +99,7 @@ impl ParameterServices {
     }
 
     fn description(&self, node: &Mutex<Node>, name: &str) -> raw::ParameterDescriptor {
-        let descriptor = match (self.table.spec(name), lock(node).get_parameter(name)) {
+        let descriptor = match (self.table.spec(name), self.now.get(node, name)) {
             (Some(spec), _) => described(spec),
             (None, Some(value)) => ParameterDescriptor::from_value(name, &value),
             (None, None) => ParameterDescriptor::unknown(name),
@@ -112,16 +115,22 @@ impl ParameterServices {
             checked.map_err(|error| error.to_string())?;
         }
         if let Some(ask) = &self.ask {
-            let is_new = |one: &&raw::Parameter| {
-                lock(node).get_parameter(&one.name) != Some(ParameterValue::from(one.value.clone()))
-            };
+            let is_new =
+                |one: &&raw::Parameter| self.now.get(node, &one.name) != Some(ParameterValue::from(one.value.clone()));
             let news: Vec<_> =
                 parameters.iter().filter(is_new).map(|one| (one.name.clone(), one.value.clone())).collect();
             if !news.is_empty() {
                 ask(news).await?;
             }
         }
-        parameters.into_iter().try_for_each(|one| set(node, one))
+        if !parameters.is_empty() {
+            self.now.set(node, parameters);
+        }
+        Ok(())
+    }
+
+    fn values<'a>(&'a self, node: &'a Mutex<Node>, names: &'a [String]) -> impl Iterator<Item = ParameterValue> + 'a {
+        names.iter().map(move |name| self.now.get(node, name).unwrap_or(ParameterValue::NotSet))
     }
 }
 
@@ -140,16 +149,6 @@ impl Opener<'_> {
         (self.calm)();
         Service::open(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
     }
-}
-
-fn set(node: &Mutex<Node>, parameter: raw::Parameter) -> Result<(), String> {
-    let Parameter { name, value } = parameter.into();
-    lock(node).set_parameter(&name, value)
-}
-
-fn values<'a>(node: &'a Mutex<Node>, names: &'a [String]) -> impl Iterator<Item = ParameterValue> + 'a {
-    let value = |name: &String| lock(node).get_parameter(name);
-    names.iter().map(move |name| value(name).unwrap_or(ParameterValue::NotSet))
 }
 
 /// As rclcpp: without prefixes all names of fewer than `depth` dots (0: all); with prefixes those

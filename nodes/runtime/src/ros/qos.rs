@@ -21,6 +21,8 @@ use ros2_client::QosProfile;
 use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
 
 const EVENT_DEPTH: usize = 10;
+/// Changes of parameters that are kept.
+const PARAMETER_EVENTS: usize = 1000;
 const LOG_DEPTH: usize = 1000;
 /// How long a line is kept for who joins later.
 const LOG_LIVES: Duration = Duration::from_secs(10);
@@ -60,6 +62,11 @@ pub fn rosout_qos() -> QosProfile {
 #[must_use]
 pub fn service_qos() -> QosProfile {
     profile(NEVER_WAITS, EVENT_DEPTH)
+}
+
+/// `/parameter_events`: as ROS 2 has it.
+pub(super) fn parameter_events_qos() -> QosProfile {
+    profile(NEVER_WAITS, PARAMETER_EVENTS)
 }
 
 /// A full window of unacknowledged samples is an error at once, not a wait.
