@@ -118,7 +118,9 @@ fn head(pages: &mut Pages, columns: &[Column]) -> Result<(), ReportError> {
     let heads: Vec<Vec<String>> =
         columns.iter().map(|column| lines(&column.head, letters(column.width, SIZE))).collect();
     let count = heads.iter().map(Vec::len).max().unwrap_or(1);
-    let has_units = columns.iter().any(|column| column.unit.is_some());
+    // A count has none to be shown.
+    let shown = |column: &Column| column.unit.clone().filter(|unit| unit != "1");
+    let has_units = columns.iter().any(|column| shown(column).is_some());
     let height = LINE * (count + usize::from(has_units)) as f64 + 8.0;
     pages.need(height + 2.0 * LINE)?;
     let top = pages.y;
@@ -128,8 +130,8 @@ fn head(pages: &mut Pages, columns: &[Column]) -> Result<(), ReportError> {
             let row = index + count - found.len();
             put(pages, "cellb", column, (left, top + LINE * (row + 1) as f64 - 4.0), line);
         }
-        if let Some(unit) = &column.unit {
-            put(pages, "mutedb", column, (left, top + LINE * (count + 1) as f64 - 4.0), unit);
+        if let Some(unit) = shown(column) {
+            put(pages, "mutedb", column, (left, top + LINE * (count + 1) as f64 - 4.0), &unit);
         }
         left += column.width + GAP;
     }
