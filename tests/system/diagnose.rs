@@ -8,7 +8,8 @@ use std::time::Duration;
 use crate::common::assert_says;
 use crate::common::files::{Bench, listing, machine, other_machine, text};
 use crate::common::program::{Started, abbe, run, signal, wait_until_interruptible};
-use crate::common::spoil::refused;
+use crate::common::spoil::{Table, refused};
+use abbe_files::ModelFile;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -129,6 +130,72 @@ fn the_model_corrects(bench: &Bench) {
     let bare = bench.write("bare.csv", without(&bench.read("verify.csv"), "dir_y"));
     let missing = correct(&bare, NOTHING_IN_VOLUME);
     assert!(missing.lines().skip(1).all(|line| line.contains("covariate_missing")));
+}
+
+/// The campaign with 800 kg on the table while S2 measured, which bend it by a micrometre, in a form that no candidate has.
+fn with_a_load_at_one_station(bench: &Bench) -> String {
+    let model = ModelFile::load(&bench.path("before.json")).unwrap().0.model;
+    let station_m = model.station("S2").unwrap().1.position_m;
+    let mut table = Table::of(&bench.read("campaign.csv"));
+    for line in 2..=table.0.len() {
+        let is_loaded = table.cell(line, "station") == "S2";
+        *table.cell(line, "load_kg") = if is_loaded { "800" } else { "0" }.to_owned();
+        if !is_loaded {
+            continue;
+        }
+        let mut number = |column: &str| table.cell(line, column).parse::<f64>().unwrap();
+        let reading_mm = ["x_mm", "y_mm", "z_mm"].map(&mut number);
+        let offset_mm = ["offset_x_mm", "offset_y_mm", "offset_z_mm"].map(&mut number);
+        let length_mm = number("length_mm");
+        let sight: Vec<f64> = (0..3).map(|k| (reading_mm[k] + offset_mm[k]) * 1e-3 - station_m[k]).collect();
+        let (u, v) = (2.0 * reading_mm[0] / 800.0 - 1.0, 2.0 * reading_mm[1] / 600.0 - 1.0);
+        let sag_mm = -1e-3 * (u * v + 0.5 * u * u + 0.3 * v * v * u);
+        let along = sight[2] / sight.iter().map(|m| m * m).sum::<f64>().sqrt();
+        *table.cell(line, "length_mm") = (length_mm + sag_mm * along).to_string();
+    }
+    table.text()
+}
+
+/// It was found and set aside, U did not hold it, and where nothing else was found the model that was given came out.
+#[test]
+fn regress_a_load_that_is_found_and_not_told_stands_in_u_of_the_model_that_is_written() {
+    let bench = identified(&[]);
+    let campaign = bench.write("campaign.csv", with_a_load_at_one_station(&bench));
+    let (machine, before) = (text(&machine()), bench.text("before.json"));
+    run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &before]).ok();
+    diagnose(&bench, "diagnosis", &[]);
+    let record = json(&bench, "diagnosis/diagnosis.json");
+    let is_held = |record: &Value| {
+        let set_aside = record["set_aside"].as_array().unwrap().clone();
+        set_aside
+            .iter()
+            .any(|own| own["name"] == "table_load" && own["because"].as_str().unwrap().ends_with("stands in U"))
+    };
+    assert!(is_held(&record) && record["effects"].as_array().unwrap().is_empty(), "{}", record["verdict"]);
+    assert_eq!(record["model_out"]["is_the_one_given"], false);
+    let head = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm";
+    let at = |load: &str| format!("700,500,300,0,0,-60{load}\n");
+    let loads = bench.write("loads.csv", format!("{head},load_kg\n{}{}", at(",800"), at(",0")));
+    let bare = bench.write("bare.csv", format!("{head}\n{}", at("")));
+    let corrected = |model: &str, input: &str| {
+        run(["correct", "--model", model, "--in", input, "--out", &bench.text("corrected.csv")]).ok();
+        let table = bench.read("corrected.csv");
+        let row = |row: &str| row.split(',').rev().take(7).map(str::to_owned).collect::<Vec<_>>();
+        table.lines().skip(1).map(row).collect::<Vec<_>>()
+    };
+    let after = bench.text("diagnosis/model.json");
+    let (plain, held) = (corrected(&before, &loads), corrected(&after, &loads));
+    // Status, U of Z, Y, X, and Z, Y, X from behind.
+    let u_z = |row: &[String]| row[1].parse::<f64>().unwrap();
+    assert!(plain[0][4..] == held[0][4..] && held[0][0] == "in_volume", "{plain:?} {held:?}");
+    assert!(u_z(&held[0]) > 2.0 * u_z(&plain[0]) && u_z(&held[1]) < 1.5 * u_z(&plain[1]), "{plain:?} {held:?}");
+    // Nothing is corrected by it, so that nobody has to log it.
+    let bare = corrected(&after, &bare);
+    assert!(bare[0][4..] == held[0][4..] && bare[0][0] == "in_volume" && u_z(&bare[0]) > u_z(&held[1]), "{bare:?}");
+    // It is no effect of the model: the next diagnosis judges it anew.
+    fs::copy(&after, &before).unwrap();
+    diagnose(&bench, "again", &[]);
+    assert!(is_held(&json(&bench, "again/diagnosis.json")));
 }
 
 #[test]

@@ -7,23 +7,36 @@
 //! ([`abbe_geometry::mixture::beside`]).
 
 use crate::error::DiagnoseError;
+use crate::lags::logged_of;
 use crate::options::Progress;
 use crate::same_claim::is_variant;
 use crate::search::{Search, State};
 use crate::step::Step;
 use crate::worth::Cost;
 use abbe_geometry::mixture;
-use abbe_geometry::model::MachineModel;
+use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_identify::{EffectTerm, IdentifyError, is_expansion};
 
-/// The model with all of it in its uncertainty; `withdrawn` were too costly together.
+/// Words for what stands in the uncertainty.
+pub(crate) const HELD: &str = "it corrects nothing, and stands in U";
+
+/// A model with what was too costly in its uncertainty.
+pub(crate) struct Aside {
+    pub(crate) model: MachineModel,
+    /// What stands in it.
+    pub(crate) terms: Vec<EffectTerm>,
+}
+
+/// The model with all of it in its uncertainty; `withdrawn` were too costly together. `is_out` are courses in time, which no model to correct with
+/// has: their time is that of the campaign.
 pub(crate) fn told(
     search: &Search,
     state: &State,
     (model, withdrawn): (MachineModel, &[EffectTerm]),
+    is_out: &dyn Fn(&FittedEffect) -> bool,
     observe: &mut dyn FnMut(Progress) -> bool,
-) -> Result<MachineModel, DiagnoseError> {
-    let mut model = model;
+) -> Result<Aside, DiagnoseError> {
+    let mut aside = Aside { model, terms: Vec::new() };
     // Of a scale that stretches the uncertainty has what these data leave open.
     let is_held =
         |term: &EffectTerm| is_expansion(term.effect.as_ref(), &state.fit, (search.instrument, search.campaign));
@@ -31,15 +44,40 @@ pub(crate) fn told(
         if costly.iter().all(is_held) {
             continue;
         }
-        let terms: Vec<EffectTerm> = state.terms.iter().cloned().chain(costly).collect();
+        let terms: Vec<EffectTerm> = state.terms.iter().chain(&costly).cloned().collect();
         let Ok((fit, _)) = search.attempt_under(&state.machine, &terms, state.fit.correlation, observe)? else {
             continue;
         };
         let without = &state.fit.model;
         let Some(cost) = Cost::of(without, &fit.model, search.campaign) else { continue };
-        model = mixture::beside(&model, (without, &fit.model), cost.told_share()).map_err(IdentifyError::from)?;
+        let widened = match fit.model.parts().effects.iter().any(|own| is_out(own) && is_of(&costly, own)) {
+            true => everywhere(&aside.model, &cost),
+            false => place_by_place(&aside.model, (without, &fit.model), is_out, &cost),
+        };
+        aside.model = widened.map_err(IdentifyError::from)?;
+        aside.terms.extend(costly);
     }
-    Ok(model)
+    Ok(aside)
+}
+
+/// What is only a course in time may do as much anywhere.
+fn everywhere(model: &MachineModel, cost: &Cost) -> Result<MachineModel, ModelError> {
+    let by_axis_m = (cost.moved_m2() / 3.0).sqrt();
+    model.with_unexplained(model.parts().quality.unexplained_m.map(|own_m| own_m.hypot(by_axis_m)))
+}
+
+fn place_by_place(
+    model: &MachineModel,
+    (without, with): (&MachineModel, &MachineModel),
+    is_out: &dyn Fn(&FittedEffect) -> bool,
+    cost: &Cost,
+) -> Result<MachineModel, ModelError> {
+    let (without, with) = (without.without(is_out)?, with.without(is_out)?);
+    mixture::beside(model, (&without, &with), cost.told_share())
+}
+
+fn is_of(terms: &[EffectTerm], fitted: &FittedEffect) -> bool {
+    terms.iter().any(|term| term.effect.name() == fitted.effect.name() && term.shape == fitted.shape)
 }
 
 /// Terms that were too costly and did not go in later, together where they were so together. Of those that read the same the first:
@@ -60,7 +98,9 @@ fn one_each(state: &State, withdrawn: &[EffectTerm]) -> Vec<Vec<EffectTerm>> {
     all
 }
 
-fn read_the_same(a: &EffectTerm, b: &EffectTerm) -> bool {
-    let reads = b.effect.reads();
-    a.effect.reads().iter().any(|name| reads.contains(name))
+/// Whether two terms read one quantity, as it was logged or behind a lag.
+pub(crate) fn read_the_same(a: &EffectTerm, b: &EffectTerm) -> bool {
+    let logged = |term: &EffectTerm| term.effect.reads().iter().map(|name| logged_of(name)).collect::<Vec<_>>();
+    let reads = logged(b);
+    logged(a).iter().any(|name| reads.contains(name))
 }

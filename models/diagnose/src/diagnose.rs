@@ -58,7 +58,8 @@ pub fn diagnose(
     options: &DiagnoseOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Diagnosis, DiagnoseError> {
-    let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
+    // What stands in the uncertainty alone is looked for anew.
+    let base: Vec<EffectTerm> = effects.iter().filter(|fitted| fitted.corrects()).map(EffectTerm::of).collect();
     let campaign = &with_lags(campaign, base.iter().flat_map(|term| term.effect.reads()));
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
@@ -103,7 +104,9 @@ pub fn diagnose(
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
         }
     }
-    ended.model = aside::told(&search, &state, (ended.model, &withdrawn), observe)?;
+    let is_course = |fitted: &FittedEffect| !is_base(&base, fitted) && tomorrow::is_course(fitted, campaign);
+    let aside = aside::told(&search, &state, (ended.model, &withdrawn), &is_course, observe)?;
+    ended.model = aside.model;
     state.fit.model = ended.told.clone();
     let Ended { machine_step, wander, zeros, late, left: detection_after, kinds, without, competing, model, .. } =
         ended;
@@ -119,7 +122,7 @@ pub fn diagnose(
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
-    let set_aside = state.set_aside();
+    let set_aside = state.set_aside(&aside.terms);
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     let hangs_together = state.fit.correlation.is_some();
     let nothing = found.is_empty() && judged.not_adopted.is_none();
@@ -156,7 +159,11 @@ pub fn diagnose(
         late,
         clock,
         set_aside,
-        not_adopted: judged.not_adopted,
+        not_adopted: judged.not_adopted.map(|because| match has_all(&aside.terms, &withdrawn) {
+            true => format!("{because}; {}", aside::HELD),
+            false => because,
+        }),
+        holds_aside: !aside.terms.is_empty(),
         gate: judged.gate,
         unseen: judged.unseen,
         unseen_missing: judged.unseen_missing,
@@ -164,6 +171,11 @@ pub fn diagnose(
         untestable,
         next_measurements,
     })
+}
+
+/// Whether some terms are there, and all of them are among these.
+fn has_all(terms: &[EffectTerm], some: &[EffectTerm]) -> bool {
+    !some.is_empty() && some.iter().all(|term| has(terms, term))
 }
 
 /// What a search comes to: its model with all that stands in its uncertainty.

@@ -49,6 +49,8 @@ pub struct Diagnosis {
     pub clock: Option<ClockShift>,
     /// Candidates that explain the residual but stay out, each with the reason.
     pub set_aside: Vec<SetAside>,
+    /// Whether the uncertainty of `model` holds some of them, or all that was not adopted.
+    pub holds_aside: bool,
     /// Why nothing at all was adopted although the search found something; `after` is then `before`.
     pub not_adopted: Option<String>,
     /// All that was found together, judged on what it was not fitted to; `None` where nothing was found.

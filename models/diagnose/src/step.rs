@@ -3,6 +3,7 @@
 //! Place in the flow: [`crate::search`] and what follows it write them down; the diagnosis reads which term went in when, and why others stay out.
 
 use crate::aliased_period::Period;
+use crate::aside::{HELD, read_the_same};
 use crate::candidates::Candidate;
 use crate::competing::DESCRIPTION;
 use crate::diagnose::named;
@@ -60,8 +61,7 @@ impl Step {
     /// The same, of one that is there and costs more than it is worth where it is so.
     pub(crate) fn set_aside_for(term: EffectTerm, (because, is_costly): (String, bool)) -> Step {
         let title = known(term.effect.name()).map_or("an effect", |known| known.title);
-        let held = if is_costly { "; it corrects nothing, and stands in U" } else { "" };
-        Step::SetAside { term, title, because: because + held, is_costly }
+        Step::SetAside { term, title, because, is_costly }
     }
 
     /// What was decided, for readers.
@@ -137,14 +137,16 @@ impl State<'_> {
         })
     }
 
-    /// What the search refused for good reason and did not let in later, the last reason of each.
-    pub(crate) fn set_aside(&self) -> Vec<SetAside> {
+    /// What the search refused for good reason and did not let in later, the last reason of each; `held` stand in the uncertainty.
+    pub(crate) fn set_aside(&self, held: &[EffectTerm]) -> Vec<SetAside> {
         let mut all: Vec<SetAside> = Vec::new();
         for step in &self.steps {
-            if let Step::SetAside { term, title, because, .. } = step {
+            if let Step::SetAside { term, title, because, is_costly } = step {
                 let (name, shape) = (term.effect.name().to_owned(), term.shape.clone());
                 all.retain(|known| known.name != name || known.shape != shape);
-                all.push(SetAside { name, title, shape, because: because.clone() });
+                let is_held = *is_costly && held.iter().any(|other| read_the_same(other, term));
+                let because = if is_held { format!("{because}; {HELD}") } else { because.clone() };
+                all.push(SetAside { name, title, shape, because });
             }
         }
         let is_in = |s: &SetAside| self.terms.iter().any(|t| t.effect.name() == s.name && t.shape == s.shape);

@@ -136,7 +136,7 @@ fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
     };
     named.insert(0, Candidate { known, term, score, trials: 1, absorbed: 0.0, rest: None });
     assert!(search.advance(&mut state, &round, &named, &mut |_| true).unwrap(), "the round adds something");
-    let set_aside = state.set_aside();
+    let set_aside = state.set_aside(&[]);
     assert_eq!(set_aside.len(), 1, "{set_aside:?}");
     assert!(set_aside[0].because.contains("cannot be fitted") && set_aside[0].because.contains("temp_nowhere_c"));
     assert!(
@@ -263,8 +263,10 @@ fn regress_what_is_there_and_not_told_stands_in_u_where_it_acts() {
     let search = Search::new(INSTRUMENT.range, &campaign, &options);
     let mut state = state(&search, &machine);
     let own = state.fit.model.clone();
-    let told = |state: &State| aside::told(&search, state, (own.clone(), &[]), &mut |_| true).unwrap();
-    assert_eq!(told(&state).parts().effects.len(), 0, "nothing was set aside");
+    let told = |state: &State, is_out: bool| {
+        aside::told(&search, state, (own.clone(), &[]), &|_| is_out, &mut |_| true).unwrap()
+    };
+    assert_eq!(told(&state, false).model.parts().effects.len(), 0, "nothing was set aside");
     let named = search.named(&state.round, &machine).unwrap();
     let term = named.into_iter().find(|candidate| candidate.known.name == "table_load").unwrap().term;
     let with = search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap().model;
@@ -272,8 +274,16 @@ fn regress_what_is_there_and_not_told_stands_in_u_where_it_acts() {
     for why in ["its size is not told", "nor is it in another form"] {
         state.steps.push(Step::set_aside_for(term.clone(), (why.to_owned(), true)));
     }
-    assert!(state.set_aside()[0].because.ends_with("it corrects nothing, and stands in U"));
-    let told = told(&state);
+    // Of a course in time the size alone is taken: the time of a campaign is not that of a coordinate.
+    let everywhere = told(&state, true).model;
+    assert!(
+        everywhere.parts().effects.is_empty() && everywhere.parts().quality.unexplained_m.iter().all(|m| *m > 1e-7)
+    );
+    let aside::Aside { model: told, terms } = told(&state, false);
+    assert_eq!(terms.len(), 1);
+    assert!(!told.parts().effects[0].corrects());
+    assert!(state.set_aside(&terms)[0].because.ends_with("it corrects nothing, and stands in U"));
+    assert!(!state.set_aside(&[])[0].because.contains("stands in U"));
     let at = |model: &MachineModel, load_kg: f64| {
         let mut campaign = campaign.clone();
         let column = campaign.covariates.iter_mut().find(|column| column.name == "load_kg").unwrap();

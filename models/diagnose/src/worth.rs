@@ -61,6 +61,11 @@ impl Cost {
         })
     }
 
+    /// Mean square of how far points move (m²).
+    pub(crate) fn moved_m2(&self) -> f64 {
+        self.moved_m2
+    }
+
     fn is_too_much(&self) -> bool {
         let [before, after] = self.variance_m2;
         after > FREE_GROWTH * before && self.moved_m2 < WORTH * (after - before)

@@ -234,10 +234,12 @@ fn add_effects(
         match own.columns(state) {
             Ok(columns) => own.add(&mut all, state, &columns, sensitivity)?,
             Err(problem) => {
-                all.lacks = all.lacks.max(Some(match problem {
-                    CovariateProblem::Missing(_) => Status::CovariateMissing,
-                    CovariateProblem::Stale(_) => Status::Stale,
-                }));
+                if fitted.corrects() {
+                    all.lacks = all.lacks.max(Some(match problem {
+                        CovariateProblem::Missing(_) => Status::CovariateMissing,
+                        CovariateProblem::Stale(_) => Status::Stale,
+                    }));
+                }
                 let open = Open::new(model.usual_on_tip(k), state)?;
                 let middle = open.middle();
                 let middle = State { covariates: &middle, ..*state };

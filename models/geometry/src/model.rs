@@ -34,6 +34,14 @@ pub struct FittedEffect {
     pub parameters: Vec<f64>,
 }
 
+impl FittedEffect {
+    /// Whether it corrects anything: one of no size stands in the uncertainty alone ([`crate::mixture::beside`]), and a sample that lacks
+    /// what it reads is corrected as ever.
+    pub fn corrects(&self) -> bool {
+        self.parameters.iter().any(|value| *value != 0.0)
+    }
+}
+
 /// A tracer station as identified.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Station {

@@ -78,7 +78,15 @@ pub fn predicted_length(
     let mut first = model.layout().len();
     for (k, fitted) in model.parts().effects.iter().enumerate() {
         let (effect, count) = (fitted.effect.as_ref(), fitted.parameters.len());
-        let (moved, columns) = tip_and_range_columns(effect, count, state, &sight, &chain.by_error)?;
+        let (moved, columns) = match tip_and_range_columns(effect, count, state, &sight, &chain.by_error) {
+            Ok(columns) => columns,
+            // It predicts nothing either.
+            Err(_) if !fitted.corrects() => {
+                first += count;
+                continue;
+            }
+            Err(problem) => return Err(problem.into()),
+        };
         effects_m += columns.iter().zip(&fitted.parameters).map(|(column, value)| column * value).sum::<f64>();
         tip.parameters.extend(moved.iter().enumerate().map(|(j, column)| (first + j, ray.direction.dot(column))));
         length.parameters.extend(columns.into_iter().enumerate().map(|(j, column)| (first + j, column)));

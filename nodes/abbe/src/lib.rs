@@ -140,8 +140,8 @@ const USUAL_LEVEL: &str = "warn,abbe_files=info";
 pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) -> anyhow::Result<()> {
     // How a table is written that is not plain CSV is always said.
     let level = match ros_args.log_level.as_deref() {
-        // That of one library says nothing of the others.
-        Some(level) if level.contains('=') => format!("{USUAL_LEVEL},{level}"),
+        // Those of libraries say nothing of the others.
+        Some(level) if level.split(',').all(|one| one.contains('=')) => format!("{USUAL_LEVEL},{level}"),
         Some(level) => level.to_owned(),
         None => USUAL_LEVEL.to_owned(),
     };

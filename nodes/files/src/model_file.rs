@@ -131,13 +131,13 @@ impl ModelFile {
     }
 }
 
-/// The chain in words, from the workpiece to the tool: `Y, bed, X, Z`.
 /// Whether the ends of a stroke are not the same (m), but for the rounding of files in mm.
 fn differ(model: &Machine, file: &Machine, axis: Axis) -> bool {
     let (own, other) = (model.stroke_m[axis.index()], file.stroke_m[axis.index()]);
     (own.0 - other.0).abs().max((own.1 - other.1).abs()) > SAME_END_M
 }
 
+/// The chain in words, from the workpiece to the tool: `Y, bed, X, Z`.
 fn chain(machine: &Machine) -> String {
     let letters = |side| {
         machine.joints.iter().filter(move |joint| joint.side == side).map(|joint| joint.axis.letter().to_string())

@@ -286,7 +286,7 @@ fn conclude(job: &Job, folder: &Path) -> Result<Concluded, RunError> {
 /// Covariates that the model corrects by, or predicts ranges by, and no scale reading carried. A campaign also has `time_s`, the time since it
 /// began; a live sample has none.
 fn lacking_live(diagnosed: &ModelFile, campaign: &Campaign, reads: impl Fn(&dyn Effect) -> Vec<String>) -> Vec<String> {
-    let effects = diagnosed.model.parts().effects.iter();
+    let effects = diagnosed.model.parts().effects.iter().filter(|fitted| fitted.corrects());
     let read: BTreeSet<String> = effects.flat_map(|fitted| reads(fitted.effect.as_ref())).collect();
     read.into_iter().filter(|name| campaign.covariate(name).is_none()).collect()
 }

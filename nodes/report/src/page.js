@@ -401,7 +401,7 @@
     all("svg text[data-n]").forEach((text) => { const of = kind(text.textContent); if (of) text.classList.add(of); });
     all("table").forEach((table) => {
       [...table.tHead.rows[0].cells].forEach((head, k) => {
-        const of = kind(head.firstChild.textContent);
+        const of = kind(head.firstChild?.textContent || "");
         if (of) for (const row of table.rows) row.cells[k]?.classList.add(of);
       });
     });

@@ -390,10 +390,11 @@ def change(node, namespace, model):
     changed = lambda: [[event.node, one.name, value(one.value)] for event in events for one in event.changed_parameters]
     spin_until(node, lambda: any(name == "window" for _, name, _ in changed()), "the event")
     said["events"] = changed()
-    # Who joins later hears of what changes from then on, and of nothing old.
+    # Who joins later hears of nothing old, whatever it asks for.
     late = []
     latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(ParameterEvent, "/parameter_events", late.append, latched)
+    node.create_subscription(ParameterEvent, "/parameter_events", late.append, qos_profile_parameter_events)
     come(1000)
     said["old events"] = len([one for one in late if one.node.startswith(f"/{namespace}/")])
     return said

@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
     /// Model file
     #[arg(long)]
     model: PathBuf,
-    /// Refuse a model of another machine than the one of this machine file; its default_offset_mm goes before that of the model
+    /// Refuse a model of another machine than the one of this machine file; its default_offset_mm is taken in place of the model's, also where it has none
     #[arg(long)]
     machine: Option<PathBuf>,
     /// Residual model that belongs to this model

@@ -65,7 +65,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let offsets = offsets(arguments)?;
     let (model, sha256) = ModelFile::load(&arguments.model)?;
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
-    let of_effects = model.model.parts().effects.iter().flat_map(|fitted| fitted.effect.covariates());
+    let effects = model.model.parts().effects.iter().filter(|fitted| fitted.corrects());
+    let of_effects = effects.flat_map(|fitted| fitted.effect.covariates());
     let needed: Vec<String> = of_effects.chain(inputs_of(residual.as_ref())).collect();
     ensure!(
         needed.is_empty() || arguments.without_covariates,

@@ -15,7 +15,7 @@ use abbe_diagnose::{
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
-use abbe_identify::verdict::{Cause, Grade, Verdict, of_campaign, widened};
+use abbe_identify::verdict::{Cause, Grade, Subject, Verdict, of_campaign, widened};
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
 use abbe_report::{Identity, digits};
 use anyhow::{Context, bail, ensure};
@@ -109,9 +109,20 @@ impl Given {
             && diagnosis.after.correlation.is_none()
             && diagnosis.machine_step.is_none()
             && diagnosis.wander.is_none()
-            && diagnosis.clock.is_none();
+            && diagnosis.clock.is_none()
+            && !diagnosis.holds_aside;
         nothing_new && same_data
     }
+}
+
+/// Of quantities with one value at each station those that the model that comes out reads are told as what was found, or set aside.
+fn without_what_is_read(verdict: &mut Verdict, reads: &[String]) {
+    for finding in &mut verdict.findings {
+        if let Subject::ByStation { names } = &mut finding.subject {
+            names.retain(|name| !reads.contains(name));
+        }
+    }
+    verdict.findings.retain(|finding| !matches!(&finding.subject, Subject::ByStation { names } if names.is_empty()));
 }
 
 /// That the machine changed, before the rest: no model is right on both sides of it.
@@ -204,6 +215,7 @@ pub(crate) fn run(
         // What readings across it contradict each other by is the step, which stands in U as it is.
         verdict.widening = 1.0;
     }
+    without_what_is_read(&mut verdict, &diagnosis.model.reads());
     let identity = Identity {
         measured: loaded.days.map(|days| days.to_string()),
         temperature_c: identity::temperature_c(&loaded.campaign),

@@ -182,7 +182,9 @@ impl About {
         let (of_position, with_effects): (Vec<usize>, Vec<Axis>) = of_position(&file.model).into_iter().unzip();
         let of_places = of_places(&file.model);
         let tip_m = file.model.parts().machine.default_offset_m.unwrap_or(file.model.parts().offset_centre_m);
-        for (place, fitted) in file.model.parts().effects.iter().enumerate() {
+        // What stands in the uncertainty alone is in no correction either.
+        let correcting = file.model.parts().effects.iter().enumerate().filter(|(_, fitted)| fitted.corrects());
+        for (place, fitted) in correcting {
             let name = fitted.effect.name();
             let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
             // Effects of one name differ in what they follow: one of position is in the table, one of time is not.

@@ -37,7 +37,7 @@ pub struct RosArgs {
     pub parameters: Vec<ParameterAssignment>,
     /// `--enclave`; the last counts.
     pub enclave: Option<String>,
-    /// `--log-level`; the last counts.
+    /// `--log-level`, as the filter of the log writes them: one for the program at most, and those of libraries, with commas between.
     pub log_level: Option<String>,
     /// `--disable-rosout-logs`.
     pub no_rosout: bool,
@@ -188,7 +188,7 @@ impl RosArgs {
                     self.parameters.extend(yaml::read_file(&path)?);
                 }
                 "-e" | "--enclave" => self.enclave = Some(value("a name such as /bridge_xyz")?),
-                "--log-level" => self.log_level = Some(directive(&value("a level such as info")?)?),
+                "--log-level" => self.add_level(directive(&value("a level such as info")?)?),
                 "--enable-rosout-logs" => self.no_rosout = false,
                 "--disable-rosout-logs" => self.no_rosout = true,
                 "--enable-stdout-logs" => self.no_console = false,
@@ -218,6 +218,14 @@ impl RosArgs {
             _ => self.remaps.push(RemapRule { node, from: from.to_owned(), to }),
         }
         Ok(())
+    }
+
+    /// One more level; of two for the whole program the last counts.
+    fn add_level(&mut self, level: String) {
+        let mut all: Vec<String> = self.log_level.iter().flat_map(|all| all.split(',')).map(str::to_owned).collect();
+        all.retain(|one| one.contains('=') || level.contains('='));
+        all.push(level);
+        self.log_level = Some(all.join(","));
     }
 
     fn add_parameter(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
@@ -344,6 +352,8 @@ mod tests {
         let (args, _) = split("--ros-args --disable-rosout-logs --enable-rosout-logs --log-config-file f").unwrap();
         assert!(!args.no_rosout && !args.no_console);
         assert_eq!(args.without_effect, ["--log-config-file f"]);
+        let all = "--ros-args --log-level info --log-level rustdds:=warn --log-level debug";
+        assert_eq!(split(all).unwrap().0.log_level.as_deref(), Some("rustdds=warn,debug"));
     }
 
     #[test]
