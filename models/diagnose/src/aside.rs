@@ -7,18 +7,14 @@
 //! ([`abbe_geometry::mixture::beside`]).
 
 use crate::error::DiagnoseError;
-use crate::lags::logged_of;
 use crate::options::Progress;
-use crate::same_claim::is_variant;
+use crate::same_claim::{is_variant, read_the_same};
 use crate::search::{Search, State};
 use crate::step::Step;
 use crate::worth::Cost;
 use abbe_geometry::mixture;
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_identify::{EffectTerm, IdentifyError, is_expansion};
-
-/// Words for what stands in the uncertainty.
-pub(crate) const HELD: &str = "it corrects nothing, and stands in U";
 
 /// A model with what was too costly in its uncertainty.
 pub(crate) struct Aside {
@@ -96,11 +92,4 @@ fn one_each(state: &State, withdrawn: &[EffectTerm]) -> Vec<Vec<EffectTerm>> {
         }
     }
     all
-}
-
-/// Whether two terms read one quantity, as it was logged or behind a lag.
-pub(crate) fn read_the_same(a: &EffectTerm, b: &EffectTerm) -> bool {
-    let logged = |term: &EffectTerm| term.effect.reads().iter().map(|name| logged_of(name)).collect::<Vec<_>>();
-    let reads = logged(b);
-    logged(a).iter().any(|name| reads.contains(name))
 }

@@ -25,7 +25,7 @@ use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::has;
 use crate::search::{Search, State};
-use crate::step::{Addition, Step, added};
+use crate::step::{Addition, HELD, Step, added};
 use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
@@ -160,7 +160,7 @@ pub fn diagnose(
         clock,
         set_aside,
         not_adopted: judged.not_adopted.map(|because| match has_all(&aside.terms, &withdrawn) {
-            true => format!("{because}; {}", aside::HELD),
+            true => format!("{because}; {}", HELD),
             false => because,
         }),
         holds_aside: !aside.terms.is_empty(),

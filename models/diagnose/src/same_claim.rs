@@ -25,3 +25,10 @@ pub(crate) fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
 pub(crate) fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
     terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
 }
+
+/// Whether two terms read one quantity, as it was logged or behind a lag.
+pub(crate) fn read_the_same(a: &EffectTerm, b: &EffectTerm) -> bool {
+    let logged = |term: &EffectTerm| term.effect.reads().iter().map(|name| logged_of(name)).collect::<Vec<_>>();
+    let reads = logged(b);
+    logged(a).iter().any(|name| reads.contains(name))
+}

@@ -3,16 +3,18 @@
 //! Place in the flow: [`crate::search`] and what follows it write them down; the diagnosis reads which term went in when, and why others stay out.
 
 use crate::aliased_period::Period;
-use crate::aside::{HELD, read_the_same};
 use crate::candidates::Candidate;
 use crate::competing::DESCRIPTION;
 use crate::diagnose::named;
 use crate::diagnosis::SetAside;
 use crate::gate::Verdict;
-use crate::same_claim::has;
+use crate::same_claim::{has, read_the_same};
 use crate::search::State;
 use abbe_geometry::effects::known;
 use abbe_identify::EffectTerm;
+
+/// Words for what stands in the uncertainty.
+pub(crate) const HELD: &str = "it corrects nothing, and stands in U";
 
 /// One thing that a round decided.
 #[derive(Debug, Clone)]

@@ -11,9 +11,9 @@ use ros2_client::parameters::raw;
 use ros2_client::{MessageTypeName, Node, ParameterValue, Publisher};
 
 use super::endpoint::{dds_name, endpoint_error};
-use super::node::lock;
 use super::qos::parameter_events_qos;
 use super::{NodeIdentity, RosError};
+use crate::lock::lock;
 
 const TOPIC: &str = "/parameter_events";
 
@@ -37,13 +37,13 @@ impl Values {
 
     /// The value of a parameter now.
     pub(super) fn get(&self, node: &Mutex<Node>, name: &str) -> Option<ParameterValue> {
-        let changed = crate::lock::lock(&self.changed).get(name).cloned();
+        let changed = lock(&self.changed).get(name).cloned();
         changed.or_else(|| lock(node).get_parameter(name))
     }
 
     /// Sets these together, and tells of it.
     pub(super) fn set(&self, node: &Mutex<Node>, parameters: Vec<raw::Parameter>) {
-        let mut changed = crate::lock::lock(&self.changed);
+        let mut changed = lock(&self.changed);
         for parameter in &parameters {
             changed.insert(parameter.name.clone(), parameter.value.clone().into());
         }
