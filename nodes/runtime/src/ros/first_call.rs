@@ -11,23 +11,20 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 
 use ros2_client::dds::rustdds::{DomainParticipant, GUID};
 
+use super::rtps::{self, ENDIANNESS, PREFIX};
+
 /// Names of topics of requests begin so (ROS 2 on DDS).
 const REQUESTS: &str = "rq/";
-const PROTOCOL: [u8; 2] = [2, 4];
-const VENDOR: [u8; 2] = [0x01, 0x12];
 const INFO_DST: u8 = 0x0e;
-const ACKNACK: u8 = 0x06;
-/// Little endian; and, for an ACKNACK, that no heartbeat is asked for.
-const FLAGS: [u8; 2] = [0b01, 0b11];
 /// Above that of the library's first, which is 0.
-const COUNT: u32 = 1;
+const COUNT: i32 = 1;
 
 /// Asks a writer elsewhere for its first sample, where it is a client's.
 pub(super) fn ask_again(participant: &DomainParticipant, reader: GUID, writer: GUID) {
-    let is_it = |guid: &GUID| *guid == writer;
-    let known = participant.discovered_writers().into_iter();
-    let mut of_client = known.filter(|known| known.publication_topic_data.topic_name.starts_with(REQUESTS));
-    let Some(client) = of_client.find(|known| is_it(&known.writer_proxy.remote_writer_guid)) else { return };
+    let mut known = participant.discovered_writers().into_iter();
+    let client = known.find(|known| known.writer_proxy.remote_writer_guid == writer);
+    let is_call = |topic: &str| topic.starts_with(REQUESTS);
+    let Some(client) = client.filter(|known| is_call(&known.publication_topic_data.topic_name)) else { return };
     let packet = packet(reader.to_bytes(), writer.to_bytes());
     let listens = client.writer_proxy.unicast_locator_list.into_iter().filter(|locator| locator.is_udp());
     for address in listens.map(SocketAddr::from).filter(SocketAddr::is_ipv4) {
@@ -40,20 +37,10 @@ pub(super) fn ask_again(participant: &DomainParticipant, reader: GUID, writer: G
 
 /// A question for sample 1.
 fn packet(reader: [u8; 16], writer: [u8; 16]) -> Vec<u8> {
-    let mut packet = b"RTPS".to_vec();
-    packet.extend([PROTOCOL, VENDOR].concat());
-    packet.extend(&reader[..12]);
-    packet.extend([INFO_DST, FLAGS[0], 12, 0]);
-    packet.extend(&writer[..12]);
-    packet.extend([ACKNACK, FLAGS[1], 28, 0]);
-    packet.extend(&reader[12..]);
-    packet.extend(&writer[12..]);
-    // Samples from number 1, one of them, which is missing.
-    packet.extend(0_u32.to_le_bytes());
-    packet.extend(1_u32.to_le_bytes());
-    packet.extend(1_u32.to_le_bytes());
-    packet.extend((1_u32 << 31).to_le_bytes());
-    packet.extend(COUNT.to_le_bytes());
+    let mut packet = rtps::head(&reader[..PREFIX]);
+    packet.extend([INFO_DST, ENDIANNESS, 12, 0]);
+    packet.extend(&writer[..PREFIX]);
+    packet.extend(rtps::acknack(&reader, &writer, 1, true, COUNT));
     packet
 }
 

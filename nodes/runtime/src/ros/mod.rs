@@ -22,6 +22,7 @@ mod parameters;
 mod qos;
 mod qos_overrides;
 mod queued;
+mod rtps;
 mod security;
 mod service;
 mod static_peers;

@@ -7,7 +7,7 @@
 use std::net::Ipv4Addr;
 use std::num::NonZeroUsize;
 use std::pin::pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -34,6 +34,7 @@ use super::type_descriptions::{TypeDescriptions, Types};
 use super::writer::{Writer, limits};
 use super::{DiscoveryRange, Domain, Enclave, RemapRule, RosArgs, RosError};
 use crate::gateway::Introduced;
+use crate::lock::lock;
 
 /// What ROS 2 puts before the name of a topic to make the name it has in DDS.
 const TOPICS: &str = "rt";
@@ -292,10 +293,6 @@ impl RosNode {
     fn lock(&self) -> MutexGuard<'_, Node> {
         lock(&self.0.node)
     }
-}
-
-pub(super) fn lock(node: &Mutex<Node>) -> MutexGuard<'_, Node> {
-    node.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Drop for Inner {

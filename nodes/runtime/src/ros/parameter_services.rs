@@ -16,11 +16,11 @@ use ros2_client::{Node, Parameter, ParameterValue};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::node::lock;
 use super::parameter_values::Values;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
 use super::service::Service;
 use super::{NodeOptions, RosError, TriggerOutcome};
+use crate::lock::lock;
 
 const PACKAGE: &str = "rcl_interfaces";
 

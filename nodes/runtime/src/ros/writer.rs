@@ -21,6 +21,7 @@ use ros2_client::dds::rustdds::{GUID, policy};
 use ros2_client::{Publisher, WriteError};
 
 use super::node::{Inner, RosNode};
+use super::rtps::{self, ENDIANNESS, PREFIX};
 use crate::gateway::Introduced;
 
 /// Samples that a writer may be ahead of its slowest reliable reader.
@@ -32,12 +33,7 @@ const GIVE_UP_WITHIN: Duration = Duration::from_millis(10);
 /// Time in which the library takes in what readers are said to have acknowledged.
 const TAKEN_IN: Duration = Duration::from_micros(200);
 
-const PROTOCOL: [u8; 2] = [2, 4];
-const VENDOR: [u8; 2] = [0x01, 0x12];
 const INFO_SRC: u8 = 0x0c;
-const ACKNACK: u8 = 0x06;
-/// Little endian; and, for an ACKNACK, that no answer is asked for.
-const FLAGS: [u8; 2] = [0b01, 0b11];
 
 /// What a writer's topic asks of the library: the window.
 pub(super) fn limits() -> policy::ResourceLimits {
@@ -135,24 +131,12 @@ impl Acknowledged {
     /// The head names the participant itself as the sender, so that it learns nothing wrong of where the reader is to be
     /// found; who speaks stands in the part after it.
     fn packet(&self, reader: [u8; 16]) -> Vec<u8> {
-        let (prefix, entity) = reader.split_at(12);
-        let mut packet = b"RTPS".to_vec();
-        packet.extend([PROTOCOL, VENDOR].concat());
-        packet.extend(self.to.guid_prefix);
-
-        packet.extend([INFO_SRC, FLAGS[0], 20, 0, 0, 0, 0, 0]);
-        packet.extend([PROTOCOL, VENDOR].concat());
-        packet.extend(prefix);
-
-        packet.extend([ACKNACK, FLAGS[1], 24, 0]);
-        packet.extend(entity);
-        packet.extend(&self.writer[12..]);
-        packet.extend(((self.kept_from >> 32) as u32).to_le_bytes());
-        packet.extend((self.kept_from as u32).to_le_bytes());
-        // Nothing is asked for again.
-        packet.extend(0_u32.to_le_bytes());
-        // Readers count upwards from 1 or 0; this counts where none of them comes.
-        packet.extend((i32::MIN.wrapping_add(self.count as i32)).to_le_bytes());
+        let mut packet = rtps::head(&self.to.guid_prefix);
+        packet.extend([INFO_SRC, ENDIANNESS, 20, 0, 0, 0, 0, 0]);
+        packet.extend(rtps::speaker(&reader[..PREFIX]));
+        // Readers count upwards from 1 or 0; this counts where none of them comes. Nothing is asked for again.
+        let count = i32::MIN.wrapping_add(self.count as i32);
+        packet.extend(rtps::acknack(&reader, &self.writer, self.kept_from, false, count));
         packet
     }
 }
