@@ -8,7 +8,7 @@
 
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::same_claim::{is_variant, read_the_same};
+use crate::same_claim::{is_of, is_variant, read_the_same};
 use crate::search::{Search, State};
 use crate::step::Step;
 use crate::worth::Cost;
@@ -58,7 +58,7 @@ pub(crate) fn told(
 
 /// What is only a course in time may do as much anywhere.
 fn everywhere(model: &MachineModel, cost: &Cost) -> Result<MachineModel, ModelError> {
-    let by_axis_m = (cost.moved_m2() / 3.0).sqrt();
+    let by_axis_m = (cost.moved_m2 / 3.0).sqrt();
     model.with_unexplained(model.parts().quality.unexplained_m.map(|own_m| own_m.hypot(by_axis_m)))
 }
 
@@ -70,10 +70,6 @@ fn place_by_place(
 ) -> Result<MachineModel, ModelError> {
     let (without, with) = (without.without(is_out)?, with.without(is_out)?);
     mixture::beside(model, (&without, &with), cost.told_share())
-}
-
-fn is_of(terms: &[EffectTerm], fitted: &FittedEffect) -> bool {
-    terms.iter().any(|term| term.effect.name() == fitted.effect.name() && term.shape == fitted.shape)
 }
 
 /// Terms that were too costly and did not go in later, together where they were so together. Of those that read the same the first:

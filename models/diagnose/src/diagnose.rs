@@ -23,7 +23,7 @@ use crate::late::Late;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
-use crate::same_claim::has;
+use crate::same_claim::{has, is_of};
 use crate::search::{Search, State};
 use crate::step::{Addition, HELD, Step, added};
 use crate::wander::{self, Wander};
@@ -104,7 +104,7 @@ pub fn diagnose(
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
         }
     }
-    let is_course = |fitted: &FittedEffect| !is_base(&base, fitted) && tomorrow::is_course(fitted, campaign);
+    let is_course = |fitted: &FittedEffect| is_course_beside(&base, fitted, campaign);
     let aside = aside::told(&search, &state, (ended.model, &withdrawn), &is_course, observe)?;
     ended.model = aside.model;
     state.fit.model = ended.told.clone();
@@ -160,7 +160,7 @@ pub fn diagnose(
         clock,
         set_aside,
         not_adopted: judged.not_adopted.map(|because| match has_all(&aside.terms, &withdrawn) {
-            true => format!("{because}; {}", HELD),
+            true => format!("{because}; {HELD}"),
             false => because,
         }),
         holds_aside: !aside.terms.is_empty(),
@@ -215,7 +215,7 @@ impl<'a> Ended<'a> {
             None => wandering(search, state, base, observe)?,
         };
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
-        let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
+        let is_found = |fitted: &FittedEffect| !is_of(base, fitted);
         let found = state.fit.model.parts().effects.iter().filter(|fitted| is_found(fitted));
         let late = Late::of(found, &state.round, campaign)?;
         let widened = |model: MachineModel| {
@@ -234,13 +234,13 @@ impl<'a> Ended<'a> {
         }
         let bumps: Vec<EffectTerm> =
             kinds.iter().filter(|own| own.is_bump()).map(|own| EffectTerm::of(&own.fitted)).collect();
-        let is_bump = |fitted: &FittedEffect| is_base(&bumps, fitted);
+        let is_bump = |fitted: &FittedEffect| is_of(&bumps, fitted);
         let told_of = |is_bump: &dyn Fn(&FittedEffect) -> bool| {
             tomorrow::told(state.fit.model.clone(), &state.round, campaign, (&is_found, is_bump))
         };
         let [told, stands_alone] = [told_of(&is_bump), told_of(&|fitted| fitted.effect.moves_stand())];
         let floor_m = floor::unexplained_m(&state.round, campaign);
-        let unseen = open_expansions(search, (start, &state.fit), is_found);
+        let unseen = open_expansions(search, (start, &state.fit), base);
         let whole = |told: Result<MachineModel, ModelError>| -> Result<MachineModel, IdentifyError> {
             let told = told
                 .and_then(|model| with_unexplained(model, on_unseen, floor_m))
@@ -251,7 +251,7 @@ impl<'a> Ended<'a> {
         };
         let (told, stands_alone) = (whole(told)?, whole(stands_alone)?.parts().quality.unexplained_m);
         let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
-        let model = averaged.without(|fitted| is_found(fitted) && tomorrow::is_course(fitted, campaign));
+        let model = averaged.without(|fitted| is_course_beside(base, fitted, campaign));
         let model = model.map_err(IdentifyError::from)?;
         Ok(Ended { machine_step, wander, zeros, late, left, kinds, told, stands_alone, without, competing, model })
     }
@@ -278,12 +278,8 @@ fn with_unexplained(
 
 /// What the data leave open of expansions. What is only a course in time may be one, and corrects nothing: beside it they look smaller than
 /// they may be, so that the fit that the search began with has a say.
-fn open_expansions(
-    search: &Search,
-    (start, fit): (&Identified, &Identified),
-    is_found: impl Fn(&FittedEffect) -> bool,
-) -> UnseenExpansions {
-    let is_out = |fitted: &FittedEffect| is_found(fitted) && tomorrow::is_course(fitted, search.campaign);
+fn open_expansions(search: &Search, (start, fit): (&Identified, &Identified), base: &[EffectTerm]) -> UnseenExpansions {
+    let is_out = |fitted: &FittedEffect| is_course_beside(base, fitted, search.campaign);
     let of = |fit: &Identified| unseen_expansions(fit, search.instrument, search.campaign, &|fitted| !is_out(fitted));
     let mut all = of(fit);
     if fit.model.parts().effects.iter().any(is_out) {
@@ -311,7 +307,7 @@ fn wandering(
         wander::find((&fit.model, round), search.campaign, &search.context, search.options, &mut go_on)
     };
     let said = find(&state.fit, &state.round, observe)?;
-    let is_course = |fitted: &&FittedEffect| !is_base(base, fitted) && tomorrow::is_course(fitted, search.campaign);
+    let is_course = |fitted: &&FittedEffect| is_course_beside(base, fitted, search.campaign);
     let effects = &state.fit.model.parts().effects;
     let kept: Vec<EffectTerm> = effects.iter().filter(|fitted| !is_course(fitted)).map(EffectTerm::of).collect();
     if kept.len() == effects.len() {
@@ -443,8 +439,9 @@ fn found<'a>(
         .collect()
 }
 
-fn is_base(base: &[EffectTerm], fitted: &FittedEffect) -> bool {
-    base.iter().any(|term| term.effect.name() == fitted.effect.name() && term.shape == fitted.shape)
+/// Whether a term that is none of these is only a course in time.
+fn is_course_beside(base: &[EffectTerm], fitted: &FittedEffect, campaign: &Campaign) -> bool {
+    !is_of(base, fitted) && tomorrow::is_course(fitted, campaign)
 }
 
 fn one(

@@ -3,7 +3,8 @@
 //! Place in the flow: [`crate::search`] and what follows it ask before a term goes in, comes back or counts as a rival.
 
 use crate::lags::logged_of;
-use abbe_geometry::effects::ShapeValue;
+use abbe_geometry::effects::{Shape, ShapeValue};
+use abbe_geometry::model::FittedEffect;
 use abbe_identify::EffectTerm;
 
 /// Whether two terms are the same effect with other figures (degree, time constant): the same claim. With another axis or
@@ -23,7 +24,16 @@ pub(crate) fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
 
 /// Whether a term is among these, figures and all.
 pub(crate) fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
-    terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
+    is_one(terms, term.effect.name(), &term.shape)
+}
+
+/// Whether a fitted effect is one of these.
+pub(crate) fn is_of(terms: &[EffectTerm], fitted: &FittedEffect) -> bool {
+    is_one(terms, fitted.effect.name(), &fitted.shape)
+}
+
+fn is_one(terms: &[EffectTerm], name: &str, shape: &Shape) -> bool {
+    terms.iter().any(|other| other.effect.name() == name && other.shape == *shape)
 }
 
 /// Whether two terms read one quantity, as it was logged or behind a lag.

@@ -43,7 +43,7 @@ pub(crate) fn refusal(
 /// What a term does to corrected points, and what they lose by it (m², mean square in space, but for a rigid motion of all).
 pub(crate) struct Cost {
     /// How far they move.
-    moved_m2: f64,
+    pub(crate) moved_m2: f64,
     /// Variance without the term and with it.
     variance_m2: [f64; 2],
 }
@@ -59,11 +59,6 @@ impl Cost {
             moved_m2: square(&without(difference, &rigid)) / readings.len() as f64,
             variance_m2: [variance_m2(before, &first, &rigid), variance_m2(after, &second, &rigid)],
         })
-    }
-
-    /// Mean square of how far points move (m²).
-    pub(crate) fn moved_m2(&self) -> f64 {
-        self.moved_m2
     }
 
     fn is_too_much(&self) -> bool {

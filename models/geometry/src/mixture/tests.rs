@@ -17,6 +17,13 @@ fn two() -> [MachineModel; 2] {
     })
 }
 
+fn logged(values: [f64; 2]) -> By<impl Fn(&str) -> CovariateValue> {
+    By(move |name: &str| {
+        let at = NAMES.iter().position(|known| *known == name);
+        at.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(values[k]))
+    })
+}
+
 /// Covariance and position are those of the mixture, evaluated with every model apart.
 #[test]
 fn a_mean_of_models_corrects_to_the_mean_of_what_they_say() {
@@ -24,10 +31,7 @@ fn a_mean_of_models_corrects_to_the_mean_of_what_they_say() {
     let mean = mixture(&[(3.0, &models[0]), (1.0, &models[1])]).unwrap();
     assert_eq!(mean.parts().effects.len(), 2);
     for values in [[4.0, 4.0], [0.0, 9.0], [8.0, 1.0]] {
-        let logged = By(|name: &str| {
-            let at = NAMES.iter().position(|known| *known == name);
-            at.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(values[k]))
-        });
+        let logged = logged(values);
         let of = |model: &MachineModel| correct(model, &at(&logged));
         let (each, all) = ([of(&models[0]), of(&models[1])], of(&mean));
         let position_m: Vector3<f64> = each[0].position_m * 0.75 + each[1].position_m * 0.25;
@@ -58,10 +62,7 @@ fn a_term_beside_a_model_widens_and_moves_nothing() {
     let known = MachineModel::new(known).unwrap();
     assert_eq!(beside.parts().effects.len(), 2);
     for values in [[4.0, 4.0], [0.0, 9.0], [8.0, 1.0]] {
-        let logged = By(|name: &str| {
-            let at = NAMES.iter().position(|known| *known == name);
-            at.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(values[k]))
-        });
+        let logged = logged(values);
         let of = |model: &MachineModel| correct(model, &at(&logged));
         let (own, all) = (of(&one), of(&beside));
         assert!((all.position_m - own.position_m).norm() < 1e-12);
