@@ -98,6 +98,13 @@ pub(crate) fn errors(points: &VerificationPoints) -> anyhow::Result<Vec<Verified
     Ok(list.map(|((row, before_m), after_m)| Verified { reading_m: row.reading_m, before_m, after_m }).collect())
 }
 
+/// Rms and largest motion of points (m), each with where it was, but for how all of them are shifted and turned; `None` where they do not fix
+/// how they lie.
+pub(crate) fn rms_and_max_aligned_m(moved: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>) -> Option<(f64, f64)> {
+    let (from, to): (Vec<_>, Vec<_>) = moved.map(|(at_m, by_m)| (at_m, at_m + by_m)).unzip();
+    Some(rms_and_max_m(aligned_residuals_m(&from, &to).ok()?.into_iter()))
+}
+
 /// Rms and largest length of some vectors (m).
 pub(crate) fn rms_and_max_m(vectors: impl Iterator<Item = Vector3<f64>>) -> (f64, f64) {
     let (mut sum, mut count, mut most) = (0.0, 0.0_f64, 0.0_f64);

@@ -8,6 +8,8 @@ use abbe_measurement::subset::spread;
 
 /// Width of every drawing on the page, px.
 pub(crate) const WIDTH_PX: f64 = 1080.0;
+/// Of a title above its panel, px.
+pub(crate) const TITLE_ABOVE_PX: f64 = 9.0;
 
 /// Place of a panel's plotting area, px.
 #[derive(Debug, Clone, Copy)]
@@ -91,7 +93,7 @@ pub(crate) fn draw_frame(svg: &mut Svg, area: Area, x: &Scale, y: &Scale, labels
     }
     svg.line("ax", (area.left, area.bottom()), (area.right(), area.bottom()));
     if !labels.title.is_empty() {
-        svg.text("title", (area.left, area.top - 9.0), Anchor::Start, &labels.title);
+        svg.text("title", (area.left, area.top - TITLE_ABOVE_PX), Anchor::Start, &labels.title);
     }
     if !labels.x.is_empty() {
         svg.text("muted", (area.middle(), area.bottom() + 34.0), Anchor::Middle, &labels.x);

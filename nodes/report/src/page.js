@@ -326,7 +326,7 @@
     });
   };
 
-  all("figure > svg").forEach(plot);
+  all("figure:not(.three) > svg").forEach(plot);
   all("figure.three").forEach(vectors);
 
   // A name that several figures or tables tell of is picked out in all of them.

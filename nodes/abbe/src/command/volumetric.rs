@@ -10,12 +10,12 @@ use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
 use crate::next::{Next, READINGS};
 use crate::output;
+use crate::verification::rms_and_max_aligned_m;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
-use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_report::{Identity, digits};
 use anyhow::{Context, bail, ensure};
 use measured::{Comparison, MeasuredDiagonal};
@@ -84,14 +84,9 @@ impl Answer {
         (self.map.iter().map(|p| p.error_m.norm_squared()).sum::<f64>() / self.map.len().max(1) as f64).sqrt()
     }
 
-    /// Largest and rms error (m) where the whole map is shifted and turned to fit best; `None` of a map that does not fix how it lies.
+    /// Rms and largest error (m) where the whole map is shifted and turned to fit best; `None` of a map that does not fix how it lies.
     fn aligned_m(&self) -> Option<(f64, f64)> {
-        let indicated_m: Vec<Vector3<f64>> = self.map.iter().map(|point| Vector3::from(point.reading_m)).collect();
-        let actual_m: Vec<Vector3<f64>> =
-            self.map.iter().map(|point| Vector3::from(point.reading_m) + point.error_m).collect();
-        let left_m = aligned_residuals_m(&indicated_m, &actual_m).ok()?;
-        let square = left_m.iter().map(Vector3::norm_squared).sum::<f64>() / left_m.len() as f64;
-        Some((left_m.iter().map(Vector3::norm).fold(0.0, f64::max), square.sqrt()))
+        rms_and_max_aligned_m(self.map.iter().map(|point| (Vector3::from(point.reading_m), point.error_m)))
     }
 
     fn extrapolated(&self) -> usize {
@@ -299,7 +294,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
             })
         })
         .collect();
-    let aligned_um = answer.aligned_m().map(|(largest_m, rms_m)| (largest_m * 1e6, rms_m * 1e6));
+    let aligned_um = answer.aligned_m().map(|(rms_m, largest_m)| (largest_m * 1e6, rms_m * 1e6));
     let value = json!({
         "machine": answer.machine,
         "model_doubts": answer.doubts,
@@ -329,7 +324,7 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
              points, {outside} extrapolated"
         );
     }
-    if let Some((largest_m, rms_m)) = answer.aligned_m() {
+    if let Some((rms_m, largest_m)) = answer.aligned_m() {
         let [largest, rms] = [largest_m, rms_m].map(|value_m| digits::result(value_m * 1e6));
         println!(
             "  aligned           {largest} um at most, {rms} um rms: without the shift and turn of the whole, {ALIGNED}"

@@ -164,13 +164,8 @@ impl DemoReport {
         let mut panels = Vec::new();
         let states = self.states();
         for (k, (name, state)) in states.iter().enumerate() {
-            let shown = match k {
-                0 => Shown::Before,
-                _ if k + 1 == states.len() => Shown::After,
-                _ => Shown::Between,
-            };
-            let panel = |layer| CellPanel { state: Some(shown), ..self.region_panel(name, *state, layer, &edges) };
-            panels.extend((0..REGIONS).map(panel));
+            let shown = Shown::of(k, states.len());
+            panels.extend((0..REGIONS).map(|layer| self.region_panel((name, *state, shown), layer, &edges)));
         }
         Some(CellMap {
             title: "Error by region of the volume".to_owned(),
@@ -196,7 +191,7 @@ impl DemoReport {
         (step > 0.0).then(|| (0..=REGIONS).map(|i| low + i as f64 * step).collect())
     }
 
-    fn region_panel(&self, name: &str, state: State, layer: usize, edges: &[Vec<f64>]) -> CellPanel {
+    fn region_panel(&self, (name, state, shown): (&str, State, Shown), layer: usize, edges: &[Vec<f64>]) -> CellPanel {
         let mut cells = vec![Vec::new(); REGIONS * REGIONS];
         for point in &self.verification {
             let [i, j, k] = std::array::from_fn(|axis| region(point.position_mm[axis], &edges[axis]));
@@ -211,7 +206,7 @@ impl DemoReport {
             x_edges: edges[0].clone(),
             y_edges: edges[1].clone(),
             values: cells.iter().map(|cell| rms(cell)).collect(),
-            state: None,
+            state: Some(shown),
         }
     }
 }

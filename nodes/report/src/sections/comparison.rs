@@ -3,11 +3,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::BoxGroup;
 use super::boxes::{draw_box_legend, draw_boxes};
+use super::{BoxGroup, State};
 use crate::digits;
 use crate::error::ReportError;
-use crate::frame::{Area, Labels, WIDTH_PX, begin_panel, draw_empty, end_panel};
+use crate::frame::{Area, Labels, TITLE_ABOVE_PX, WIDTH_PX, begin_panel, draw_empty, end_panel};
 use crate::scale::{Scale, extent};
 use crate::stats::{BoxStats, quantile_sorted, sorted};
 use crate::svg::{Anchor, Drawing, Svg};
@@ -23,13 +23,6 @@ const TEXT_PX: f64 = 9.0;
 const LINE_PX: f64 = 14.0;
 const LABEL_PX: f64 = 5.8;
 const GAP_PX: f64 = 5.0;
-/// Of a title above its panel, px.
-const ABOVE_PX: f64 = 9.0;
-/// Class of the state before, and of the last state.
-const BEFORE: &str = "B";
-const AFTER: &str = "A";
-/// Class of the state between them.
-const BETWEEN: &str = "M";
 
 /// Magnitudes of one component in each state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -80,13 +73,8 @@ impl Comparison {
 
     /// Classes of the states.
     fn classes(&self) -> Vec<String> {
-        let last = self.states.len().saturating_sub(1);
-        let class = |index| match index {
-            0 => BEFORE,
-            index if index == last => AFTER,
-            _ => BETWEEN,
-        };
-        (0..self.states.len()).map(|index| class(index).to_owned()).collect()
+        let count = self.states.len();
+        (0..count).map(|index| State::of(index, count).class().to_owned()).collect()
     }
 
     fn boxes(&self) -> Vec<BoxGroup> {
@@ -126,7 +114,7 @@ impl Comparison {
         let Some(whole) = boxes.last() else { return };
         let rms: Vec<String> = whole.boxes.iter().flatten().map(|of| significant(of.rms, 3)).collect();
         let text = format!("{}, rms: {} {}", whole.label, rms.join(" → "), self.unit);
-        svg.text("strong", (area.right(), area.top - ABOVE_PX), Anchor::End, &text);
+        svg.text("strong", (area.right(), area.top - TITLE_ABOVE_PX), Anchor::End, &text);
     }
 
     fn draw_cumulative(&self, svg: &mut Svg, area: Area) {

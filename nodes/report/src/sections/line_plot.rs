@@ -24,6 +24,15 @@ pub enum State {
 }
 
 impl State {
+    /// Of so many states in a row, before first and after last.
+    pub(crate) fn of(index: usize, count: usize) -> Self {
+        match index {
+            0 => Self::Before,
+            index if index + 1 == count => Self::After,
+            _ => Self::Between,
+        }
+    }
+
     /// Letter of the state's style classes.
     pub(crate) fn class(self) -> &'static str {
         match self {

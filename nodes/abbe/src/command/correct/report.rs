@@ -4,9 +4,9 @@
 //! picture. Correction = corrected − indicated (m here, µm on the page); uncertainties k = 2.
 
 use crate::tally::Tally;
+use crate::verification::rms_and_max_aligned_m;
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
-use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_report::{
     Callout, Cell, Column, Identity, KeyFigure, KeyFigures, MetaItem, NextStep, Quantity, Report, Section, State,
     TableSection, Tone, Vector, Vectors,
@@ -79,11 +79,8 @@ impl Corrections {
     /// Rms correction without the shift and turn of all rows that were kept (m), which the datum of a part takes out; `None` where they do
     /// not tell these.
     fn aligned_rms_m(&self) -> Option<f64> {
-        let indicated: Vec<Vector3<f64>> = self.kept.iter().map(|(reading_m, _)| Vector3::from(*reading_m)).collect();
-        let corrected: Vec<Vector3<f64>> =
-            indicated.iter().zip(&self.kept).map(|(at_m, (_, by_m))| at_m + by_m).collect();
-        let left = aligned_residuals_m(&indicated, &corrected).ok()?;
-        Some((left.iter().map(Vector3::norm_squared).sum::<f64>() / left.len().max(1) as f64).sqrt())
+        let kept = self.kept.iter().map(|(reading_m, by_m)| (Vector3::from(*reading_m), *by_m));
+        rms_and_max_aligned_m(kept).map(|(rms_m, _)| rms_m)
     }
 
     fn rms_m(&self, axes: &[usize]) -> Option<f64> {

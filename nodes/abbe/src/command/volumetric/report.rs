@@ -104,7 +104,7 @@ fn key_figures(answer: &Answer) -> Section {
             Some(format!("{} points extrapolated", answer.extrapolated())),
         ),
     ];
-    if let Some((largest_m, rms_m)) = answer.aligned_m() {
+    if let Some((rms_m, largest_m)) = answer.aligned_m() {
         let detail =
             format!("rms {} µm; without the shift and turn of the whole, {ALIGNED}", digits::result(rms_m * 1e6));
         figures.push(figure("largest error, aligned", Some(largest_m), None, Some(detail)));
