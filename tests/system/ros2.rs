@@ -274,22 +274,26 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
             launch.edge("residual", "recorder", MEMORY).record("recorded")
         });
         let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
-        assert_eq!(heard["changeable of geometric"], json!(["model"]));
-        assert_eq!(heard["changeable of monitor"], json!(["match_within_s", "model", "single_bound", "window"]));
+        assert_eq!(heard["changeable of geometric"], json!(["max_covariate_age_s", "model"]));
+        let of_monitor = json!(["match_within_s", "max_covariate_age_s", "model", "single_bound", "window"]);
+        assert_eq!(heard["changeable of monitor"], of_monitor);
         let refused = |what: &str, place: usize, says: &[&str]| {
             assert_eq!(heard[what][place][0], false, "{what}");
             assert_says(heard[what][place][1].as_str().unwrap(), says);
         };
         refused("no such file", 0, &["nowhere.json", "stays in use"]);
         refused("pipe", 0, &["no model file", "stays in use"]);
-        refused("age", 0, &["max_covariate_age_s", "fixed while the node runs"]);
+        refused("no age", 0, &["max_covariate_age_s"]);
+        assert_eq!(heard["age"][0][0], true, "{heard}");
         refused("one of two", 0, &["window"]);
         refused("none of two", 0, &["window"]);
         assert_eq!((&heard["one of two"][1][0], &heard["both"][0][0]), (&json!(true), &json!(true)));
-        assert_eq!(heard["values of geometric"], json!([model]));
+        assert_eq!(heard["values of geometric"], json!([model, 1.5]));
         assert_eq!(heard["values of monitor"], json!([7.0, 50]));
         let events = heard["events"].as_array().unwrap();
-        assert!(events.contains(&json!([topic("geometric"), "model", model])), "{events:?}");
+        for (name, value) in [("model", json!(model)), ("max_covariate_age_s", json!(1.5))] {
+            assert!(events.contains(&json!([topic("geometric"), name, value])), "{events:?}");
+        }
         assert_eq!(heard["old events"], json!(0));
         assert!(!events.iter().any(|event| event[2] == 6.0), "none of two that belong together: {events:?}");
         let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));

@@ -4,18 +4,21 @@
 //! the CDR bytes with those recorded. Each recorded message is compared once: a reading belongs to the earliest message
 //! of its topic that repeats its stamp, sequence, position, offset and frame and has no reading yet, so a source that
 //! restarted, or plays the same readings again, is compared like any other. A recorded message names the models that
-//! made it, and is computed with these and no others. What the order of the samples adds to a status is found again from
+//! made it, and is computed with these and no others. The age from which a covariate was stale is named nowhere, and may have been
+//! set during the run: a message has to come out with one of those given, by each node. What the order of the samples adds to a status is found again from
 //! the corrected ones, which lie in the order in which they were made; what the network said of another publisher, and
 //! that a node was deactivated, is taken as recorded. No clock, no transport. Memory is that of what has no partner.
 
-use crate::step::{GeometricStep, Mark, ResidualStep, StreamWatch, Verdict};
+use crate::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch, Verdict};
 use crate::topics;
+use abbe_geometry::model::MachineModel;
 use abbe_msgs::bag::{BagError, BagMessage, messages};
 use abbe_msgs::cdr::{self, CdrError};
 use abbe_msgs::ros;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256, Stamp, Text};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Why a recording cannot be replayed.
@@ -29,28 +32,55 @@ pub enum ReplayError {
     Encode(#[from] CdrError),
 }
 
-/// The models of a run.
+/// The models of a run, and the ages from which a covariate was stale.
 pub struct ReplaySteps {
-    /// One step for each geometric model.
-    pub geometric: Vec<GeometricStep>,
-    /// One step for each residual model.
-    pub residual: Vec<ResidualStep>,
-    /// The step of a node without a model.
-    pub without_model: GeometricStep,
+    /// One step for each age and geometric model, and for none.
+    geometric: Vec<Vec<GeometricStep>>,
+    /// One step for each age and residual model.
+    residual: Vec<Vec<ResidualStep>>,
+}
+
+/// Which of the ages the geometric and the residual node had.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Ages {
+    geometric: usize,
+    residual: usize,
 }
 
 impl ReplaySteps {
-    /// What the steps make of a reading with the models of this recorded message; `None` where one was not given.
-    fn correct(&self, reading: &ScaleReading, recorded: &Recorded) -> Option<CorrectedCoordinates> {
-        let geometric = if recorded.model_sha256.is_none() {
-            &self.without_model
-        } else {
-            self.geometric.iter().find(|step| step.model_sha256() == recorded.model_sha256)?
+    /// Steps with these models, and these ages (s), of which at least one is needed: nothing comes out without.
+    pub fn new(
+        models: &[(Arc<MachineModel>, Sha256)],
+        fields: &[OwnedField],
+        max_covariate_ages_s: &[f64],
+    ) -> ReplaySteps {
+        let with_models = |age_s: &f64| {
+            let models = models.iter().cloned().map(Some).chain([None]);
+            models.map(|model| GeometricStep::new(model, *age_s)).collect()
         };
+        let with_fields =
+            |age_s: &f64| fields.iter().map(|field| ResidualStep::new(Some(field.clone()), *age_s)).collect();
+        ReplaySteps {
+            geometric: max_covariate_ages_s.iter().map(with_models).collect(),
+            residual: max_covariate_ages_s.iter().map(with_fields).collect(),
+        }
+    }
+
+    /// All that two nodes may have had, those of the message before first.
+    fn ages(&self, before: Ages) -> impl Iterator<Item = Ages> + use<> {
+        let count = self.geometric.len();
+        let all = (0..count * count).map(move |k| Ages { geometric: k / count, residual: k % count });
+        [before].into_iter().chain(all.filter(move |ages| *ages != before))
+    }
+
+    /// What the steps make of a reading with the models of this recorded message; `None` where one was not given.
+    fn correct(&self, reading: &ScaleReading, recorded: &Recorded, ages: Ages) -> Option<CorrectedCoordinates> {
+        let mut geometric = self.geometric.get(ages.geometric)?.iter();
+        let geometric = geometric.find(|step| step.model_sha256() == recorded.model_sha256)?;
         let mut sample = recorded.verdict.apply(geometric.correct(reading));
         if !recorded.residual_model_sha256.is_none() {
-            let residual =
-                self.residual.iter().find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
+            let mut residual = self.residual.get(ages.residual)?.iter();
+            let residual = residual.find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
             sample = residual.correct(&sample, Some(&reading.covariates));
         }
         let sample = if recorded.was_inactive { sample.while_inactive() } else { sample };
@@ -59,8 +89,9 @@ impl ReplaySteps {
 
     /// Hashes of all models given.
     fn hashes(&self) -> impl Iterator<Item = Sha256> {
-        let geometric = self.geometric.iter().map(GeometricStep::model_sha256);
-        geometric.chain(self.residual.iter().map(ResidualStep::residual_sha256))
+        let geometric = self.geometric.iter().flatten().map(GeometricStep::model_sha256);
+        let residual = self.residual.iter().flatten().map(ResidualStep::residual_sha256);
+        geometric.chain(residual).filter(|hash| !hash.is_none())
     }
 }
 
@@ -147,6 +178,8 @@ pub struct TopicOutcome {
     pub restarts: u64,
     /// How often the corrected messages go on as those of a node that has seen nothing before.
     pub corrector_restarts: u64,
+    /// How often a message came out with another of the ages given than the one before.
+    pub changes_of_age: u64,
     /// Sequence of the first message that is not as it should be.
     pub first_fault: Option<u64>,
 }
@@ -277,6 +310,8 @@ struct Stream {
     watch: StreamWatch,
     /// Latest place of a reading and of a corrected message that were compared.
     latest: Option<(u64, u64)>,
+    /// Ages with which the message before came out.
+    ages: Ages,
     outcome: TopicOutcome,
 }
 
@@ -289,6 +324,7 @@ impl Stream {
             sequence: None,
             watch: StreamWatch::default(),
             latest: None,
+            ages: Ages::default(),
             outcome: TopicOutcome { topic: topic.to_owned(), ..TopicOutcome::default() },
         }
     }
@@ -355,17 +391,17 @@ impl Stream {
         recorded: &Recorded,
         steps: &ReplaySteps,
     ) -> Result<(), ReplayError> {
-        let outcome = &mut self.outcome;
         let in_order = match self.latest {
             Some((reading_place, corrected_place)) => (place > reading_place) == (recorded.place > corrected_place),
             None => true,
         };
         self.latest = self.latest.max(Some((place, recorded.place)));
-        let computed = steps.correct(reading, recorded).map(|sample| cdr::encode(&sample.to_ros())).transpose()?;
-        let (count, is_fault) = match computed {
+        let is_identical = self.is_identical(reading, recorded, steps)?;
+        let outcome = &mut self.outcome;
+        let (count, is_fault) = match is_identical {
             None => (&mut outcome.not_comparable, true),
-            Some(bytes) if bytes != recorded.cdr => (&mut outcome.different, true),
-            Some(_) => {
+            Some(false) => (&mut outcome.different, true),
+            Some(true) => {
                 outcome.with_residual += u64::from(!recorded.residual_model_sha256.is_none());
                 (&mut outcome.identical, false)
             }
@@ -376,6 +412,24 @@ impl Stream {
             outcome.first_fault.get_or_insert(recorded.sequence);
         }
         Ok(())
+    }
+
+    /// Whether a message comes out as recorded with one of the ages given; `None` where a model of it was not given.
+    fn is_identical(
+        &mut self,
+        reading: &ScaleReading,
+        recorded: &Recorded,
+        steps: &ReplaySteps,
+    ) -> Result<Option<bool>, ReplayError> {
+        for ages in steps.ages(self.ages) {
+            let Some(sample) = steps.correct(reading, recorded, ages) else { return Ok(None) };
+            if cdr::encode(&sample.to_ros())? == recorded.cdr {
+                self.outcome.changes_of_age += u64::from(ages != self.ages);
+                self.ages = ages;
+                return Ok(Some(true));
+            }
+        }
+        Ok(Some(false))
     }
 
     /// Counts what has no partner.

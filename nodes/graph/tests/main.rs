@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
+mod ages;
 #[path = "../../ippdme/tests/cmm/mod.rs"]
 mod cmm;
 mod common;

@@ -4,7 +4,6 @@ use crate::common::{Bench, HASH, bench, monitor, other_bench};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, Shape, State};
 use abbe_geometry::error_function::FunctionKind;
-use abbe_geometry::model::MachineModel;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_graph::step::{
     GeometricStep, Health, HealthState, Mark, MonitorSettings, MonitorStep, ResidualStep, StreamWatch,
@@ -72,48 +71,6 @@ fn without_a_model_the_sample_says_so_and_repeats_the_indicated_position() {
     assert_eq!(sample.status, CorrectionStatus::NoModel);
     assert!(!sample.corrected_valid && sample.corrected_point_in_machine_m().is_none());
     assert!(sample.model_sha256.is_none());
-}
-
-/// The model with an effect that reads a temperature.
-fn with_expansion() -> Arc<MachineModel> {
-    let mut parts = bench().model.parts().clone();
-    let shape = Shape::new().text("axis", "x").text("sensor", SENSOR);
-    let parameters = vec![10e-6, 0.0];
-    parts.effects = vec![MachineModel::fitted_effect("scale_expansion", shape, &parts.machine, parameters).unwrap()];
-    parts.identified.covariates.insert(SENSOR.to_owned(), (18.0, 24.0));
-    parts.stations.clear();
-    parts.chord_covariance.clear();
-    parts.quality.unseen_expansions = Default::default();
-    let unknowns = bench().model.layout().len() + 2;
-    parts.covariance = vec![0.0; unknowns * (unknowns + 1) / 2];
-    Arc::new(MachineModel::new(parts).unwrap())
-}
-
-const SENSOR: &str = "temp_scale_x_c";
-
-#[test]
-fn regress_a_covariate_from_after_its_reading_is_stale() {
-    let step = GeometricStep::new(Some((with_expansion(), HASH)), 10.0);
-    let at_age = |age_s: f64| {
-        let mut reading = scale(40);
-        reading.covariates.push(SENSOR, 23.0, age_s).unwrap();
-        step.correct(&reading)
-    };
-    let fresh = at_age(0.0);
-    assert_eq!(fresh.status, CorrectionStatus::InVolume);
-    assert!(fresh.effect_correction_m[0].abs() > 1e-6, "the effect does nothing: the test tests nothing");
-    // As far as clocks agree it is used; further ahead its age is as unknown as beyond the limit it is too great.
-    for age_s in [-1e-3, 10.0] {
-        assert_eq!(at_age(age_s), fresh, "{age_s} s");
-    }
-    for age_s in [-1.1e-3, -0.5, -3600.0, f64::MIN, 10.001] {
-        let stale = at_age(age_s);
-        assert_eq!(stale.status, CorrectionStatus::Stale, "{age_s} s");
-        // A third of what it does at 23 °C: its range goes from 18 to 24.
-        let share = stale.effect_correction_m[0] / fresh.effect_correction_m[0];
-        assert!((share - 1.0 / 3.0).abs() < 1e-6, "{age_s} s: {share}");
-        assert!(stale.covariance_m2[0] > fresh.covariance_m2[0], "{age_s} s: what is missing is not in doubt");
-    }
 }
 
 #[test]

@@ -378,13 +378,14 @@ def change(node, namespace, model):
     said["no such file"] = set_to("geometric", model="nowhere.json")
     os.mkfifo(f"{model}.pipe")
     said["pipe"] = set_to("geometric", model=f"{model}.pipe")
-    said["age"] = set_to("geometric", max_covariate_age_s=1.0)
+    said["no age"] = set_to("geometric", max_covariate_age_s=-1.0)
+    said["age"] = set_to("geometric", max_covariate_age_s=1.5)
     said["model"] = set_to("geometric", model=model)
     come(200)
     said["one of two"] = set_to("monitor", window=0, single_bound=5.0)
     said["none of two"] = set_to("monitor", atomically=True, single_bound=6.0, window=-1)
     said["both"] = set_to("monitor", atomically=True, single_bound=7.0, window=50)
-    for name, keys in [("geometric", ["model"]), ("monitor", ["single_bound", "window"])]:
+    for name, keys in [("geometric", ["model", "max_covariate_age_s"]), ("monitor", ["single_bound", "window"])]:
         values = answer(node, clients[name].get_parameters(keys), "the values").values
         said[f"values of {name}"] = [value(one) for one in values]
     changed = lambda: [[event.node, one.name, value(one.value)] for event in events for one in event.changed_parameters]

@@ -7,7 +7,7 @@ use crate::next::{KNOWN_POINTS, Next};
 use crate::pipeline::check_covariate_age;
 use abbe_files::{LoadedResidual, ModelFile, ResidualFile};
 use abbe_graph::replay::{ReplayOutcome, ReplaySteps, TopicOutcome, replay};
-use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
+use abbe_graph::step::OwnedField;
 use abbe_msgs::Sha256;
 use anyhow::ensure;
 use std::path::{Path, PathBuf};
@@ -25,9 +25,9 @@ pub(crate) struct Arguments {
     /// Residual model that was used; where it changed during the run, give each of them
     #[arg(long)]
     residual: Vec<PathBuf>,
-    /// Age in seconds from which a covariate is stale, as in the launch file of the run
-    #[arg(long, default_value_t = 10.0)]
-    max_covariate_age_s: f64,
+    /// Age in seconds from which a covariate is stale, as in the launch file of the run; where it was set during the run, give each of them
+    #[arg(long, default_value = "10")]
+    max_covariate_age_s: Vec<f64>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         for hash in &outcome.models_not_named {
             println!("no message names the given model {hash}");
         }
-        faults.extend(faults_of(bag, &outcome, arguments.max_covariate_age_s));
+        faults.extend(faults_of(bag, &outcome, &arguments.max_covariate_age_s));
     }
     ensure!(faults.is_empty(), "{}", faults.join("\n"));
     next(arguments).print();
@@ -62,7 +62,8 @@ fn next(arguments: &Arguments) -> Next {
 }
 
 fn tell(topic: &TopicOutcome, residual: bool) {
-    let TopicOutcome { topic: name, recorded, identical, with_residual, restarts, corrector_restarts, .. } = topic;
+    let TopicOutcome { topic: name, recorded, identical, with_residual, .. } = topic;
+    let TopicOutcome { restarts, corrector_restarts, changes_of_age, .. } = topic;
     println!("{name}: {identical} of {recorded} corrected messages are identical to the recorded ones");
     if residual {
         println!("  {with_residual} of them with a residual correction");
@@ -73,10 +74,13 @@ fn tell(topic: &TopicOutcome, residual: bool) {
     if *corrector_restarts > 0 {
         println!("  the node that corrected them was started again {corrector_restarts} times");
     }
+    if *changes_of_age > 0 {
+        println!("  the age from which a covariate is stale changed {changes_of_age} times");
+    }
 }
 
 /// What keeps a bag from being the same again, in words.
-fn faults_of(bag: &Path, outcome: &ReplayOutcome, max_covariate_age_s: f64) -> Vec<String> {
+fn faults_of(bag: &Path, outcome: &ReplayOutcome, max_covariate_ages_s: &[f64]) -> Vec<String> {
     let bag = bag.display();
     let mut faults: Vec<String> = Vec::new();
     if let Some(damage) = &outcome.damage {
@@ -106,32 +110,30 @@ fn faults_of(bag: &Path, outcome: &ReplayOutcome, max_covariate_age_s: f64) -> V
             .push(format!("{bag}: messages name models that were not given: {}; give each of them", hashes.join(", ")));
     }
     if outcome.topics.iter().any(|topic| topic.different > 0) {
+        let ages: Vec<String> = max_covariate_ages_s.iter().map(f64::to_string).collect();
+        let ages = ages.join(", ");
         faults.push(format!(
-            "{bag}: check that the model is that of the run, that --max-covariate-age-s ({max_covariate_age_s} here) is max_covariate_age_s of \
-             its launch file, and that the bag is as it was recorded: sorted by stamp, or merged, a temperature comes before a reading that was \
+            "{bag}: check that the model is that of the run, that --max-covariate-age-s ({ages} here) is max_covariate_age_s of \
+             its launch file and each that was set during the run, and that the bag is as it was recorded: sorted by stamp, or merged, a temperature comes before a reading that was \
              corrected without it"
         ));
     }
     faults
 }
 
-/// A step for each model given; residual models are those of the machine, each with the geometric model it belongs to.
+/// Steps for the models given; residual models are those of the machine, each with the geometric model it belongs to.
 fn steps(arguments: &Arguments) -> anyhow::Result<ReplaySteps> {
-    check_covariate_age(arguments.max_covariate_age_s)?;
-    let without_model = GeometricStep::new(None, arguments.max_covariate_age_s);
-    let mut steps = ReplaySteps { geometric: Vec::new(), residual: Vec::new(), without_model };
-    let mut machine = String::new();
+    arguments.max_covariate_age_s.iter().try_for_each(|age_s| check_covariate_age(*age_s))?;
+    let (mut models, mut fields, mut machine) = (Vec::new(), Vec::new(), String::new());
     for path in &arguments.model {
         let (file, sha256) = ModelFile::load(path)?;
         machine.clone_from(&file.model.parts().machine.name);
-        let model = Some((Arc::new(file.model), Sha256::from_bytes(sha256)));
-        steps.geometric.push(GeometricStep::new(model, arguments.max_covariate_age_s));
+        models.push((Arc::new(file.model), Sha256::from_bytes(sha256)));
     }
     for path in &arguments.residual {
         let (file, owner, sha256) = ResidualFile::load_for(path, &machine)?;
         let field = Arc::new(LoadedResidual::new(file.model, sha256));
-        let owned = OwnedField { field, model_sha256: Sha256::from_bytes(owner.model_sha256) };
-        steps.residual.push(ResidualStep::new(Some(owned), arguments.max_covariate_age_s));
+        fields.push(OwnedField { field, model_sha256: Sha256::from_bytes(owner.model_sha256) });
     }
-    Ok(steps)
+    Ok(ReplaySteps::new(&models, &fields, &arguments.max_covariate_age_s))
 }

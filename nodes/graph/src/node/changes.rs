@@ -12,6 +12,11 @@ use abbe_runtime::ros::{ParameterValue, TriggerOutcome};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// Answer to who sets what the loop takes between two samples.
+pub(super) const FROM_NOW_ON: &str = "in use from the next sample on";
+/// Answer where the loop has ended.
+pub(super) const STOPPING: &str = "the node is stopping";
+
 /// New values since the start, and who puts them to use. Clones share them.
 #[derive(Clone, Default)]
 pub(crate) struct Changes(Arc<Mutex<Inner>>);

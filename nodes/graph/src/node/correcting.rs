@@ -6,8 +6,9 @@
 //! that the residual node waits for, and not for long, is the scale reading of a sample whose residual model has further inputs. Once
 //! it is at work nothing that comes in, and no transport, ends the loop.
 
+use super::changes::{FROM_NOW_ON, STOPPING};
 use super::model::{ModelFeed, ResidualFeed};
-use super::parameters::{MODEL, RESIDUAL_MODEL};
+use super::parameters::{MAX_COVARIATE_AGE, MODEL, RESIDUAL_MODEL};
 use super::realtime::OnPath;
 use super::remarks::{self, Input, Remarks};
 use super::scenery;
@@ -20,6 +21,7 @@ use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, S
 use abbe_runtime::Subscribe;
 use abbe_runtime::ros::{Diagnostics, ParameterValue, TriggerOutcome};
 use std::path::Path;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// Durations kept for the figures at the end.
@@ -54,12 +56,17 @@ struct Geometric {
     step: GeometricStep,
     watch: StreamWatch,
     models: ModelFeed,
+    /// Ages (s) that were set, newest last.
+    ages_s: Receiver<f64>,
 }
 
 impl Stage<ScaleReading> for Geometric {
     fn refresh(&mut self) {
         if let Some((model, sha256)) = self.models.newest() {
             self.step.put_in_use(model, sha256);
+        }
+        if let Some(age_s) = self.ages_s.try_iter().last() {
+            self.step.set_max_covariate_age_s(age_s);
         }
     }
 
@@ -85,6 +92,8 @@ struct Residual {
     watch: StreamWatch,
     fields: ResidualFeed,
     without: Without,
+    /// Ages (s) that were set, newest last.
+    ages_s: Receiver<f64>,
     /// Where the launch file has an edge for them.
     readings: Option<Readings>,
 }
@@ -165,6 +174,9 @@ impl Stage<CorrectedCoordinates> for Residual {
         if let Some((field, _)) = self.fields.newest() {
             self.step.put_in_use(field);
         }
+        if let Some(age_s) = self.ages_s.try_iter().last() {
+            self.step.set_max_covariate_age_s(age_s);
+        }
         if let Some(readings) = &mut self.readings {
             readings.take(Duration::ZERO);
         }
@@ -208,36 +220,42 @@ impl Stage<CorrectedCoordinates> for Residual {
 
 pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (model, models) = ModelFeed::open(context)?;
-    let _changes = context.changes.put_to_use(file_of(context, MODEL, models.changer()));
+    let (give, ages_s) = channel();
+    let _changes = context.changes.put_to_use(change(context, MODEL, models.changer(), give));
     let step = GeometricStep::new(model, context.launch.max_covariate_age_s);
-    pump(context, NodeName::Scale, Geometric { step, watch: StreamWatch::default(), models })
+    pump(context, NodeName::Scale, Geometric { step, watch: StreamWatch::default(), models, ages_s })
 }
 
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (field, fields) = ResidualFeed::open(context)?;
-    let _changes = context.changes.put_to_use(file_of(context, RESIDUAL_MODEL, fields.changer()));
+    let (give, ages_s) = channel();
+    let _changes = context.changes.put_to_use(change(context, RESIDUAL_MODEL, fields.changer(), give));
     let step = ResidualStep::new(field, context.launch.max_covariate_age_s).in_frame(&context.machine.machine.frame_id);
     let (watch, without) = (StreamWatch::default(), Without::default());
     let readings = Readings::open(context)?;
     let _scenery = scenery::open(context)?;
-    pump(context, NodeName::Geometric, Residual { step, watch, fields, without, readings })
+    pump(context, NodeName::Geometric, Residual { step, watch, fields, without, ages_s, readings })
 }
 
-/// Puts another file to use where the parameter that names it changes; nothing else of these nodes does.
-fn file_of(
+/// Puts another file, or another age, to use; a file that cannot be used leaves the age as it is.
+fn change(
     context: &NodeContext,
-    parameter: &'static str,
-    change: impl Fn(&Path) -> Result<(), String> + Send + 'static,
+    file: &'static str,
+    load: impl Fn(&Path) -> Result<(), String> + Send + 'static,
+    ages_s: Sender<f64>,
 ) -> impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static {
     let base = context.base.clone();
     move |values| {
+        let mut age_s = None;
         for (name, value) in values {
             match value {
-                ParameterValue::String(path) if name == parameter => change(&base.join(path))?,
+                ParameterValue::String(path) if name == file => load(&base.join(path))?,
+                ParameterValue::Double(seconds) if name == MAX_COVARIATE_AGE => age_s = Some(*seconds),
                 _ => return Err(format!("parameter '{name}' is fixed while the node runs; set it at the start")),
             }
         }
-        Ok("in use from the next sample on".to_owned())
+        age_s.map_or(Ok(()), |age_s| ages_s.send(age_s)).map_err(|_| STOPPING.to_owned())?;
+        Ok(FROM_NOW_ON.to_owned())
     }
 }
 

@@ -6,6 +6,7 @@
 //! verdict turned are left out too. One starts by itself only when these readings together contradict the model: a
 //! window of a sound one does so once in a while.
 
+use super::changes::STOPPING;
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::diagnosis_run::{DiagnosisRun, Job};
 use crate::launch::{MonitorConfig, NodeName};
@@ -77,9 +78,8 @@ impl Diagnosis {
         let (ask, asked) = channel::<SyncSender<TriggerOutcome>>();
         let handler = move || {
             let (reply, answer) = sync_channel(1);
-            let stopping = "the node is stopping".to_owned();
-            ask.send(reply).map_err(|_| stopping.clone())?;
-            answer.recv_timeout(ANSWER_WITHIN).unwrap_or(Err(stopping))
+            ask.send(reply).map_err(|_| STOPPING.to_owned())?;
+            answer.recv_timeout(ANSWER_WITHIN).unwrap_or_else(|_| Err(STOPPING.to_owned()))
         };
         let serve = |node: &GatewayNode| node.trigger_service(topics::DIAGNOSE, handler);
         let service = context.commanded().map(serve).transpose()?;
@@ -92,6 +92,13 @@ impl Diagnosis {
     pub(super) fn match_within(&mut self, match_within_s: f64) {
         if let Some(readings) = &mut self.readings {
             readings.within(match_within_s);
+        }
+    }
+
+    /// From now on, a covariate of more than this age (s) is missing.
+    pub(super) fn set_max_covariate_age_s(&mut self, max_covariate_age_s: f64) {
+        if let Some(readings) = &mut self.readings {
+            readings.set_max_covariate_age_s(max_covariate_age_s);
         }
     }
 

@@ -3,7 +3,7 @@
 //! Place in the flow: beside the correcting path, never in it. Keeps readings for a diagnosis where the launch file has
 //! an edge from the scale node to it.
 
-use super::changes::InUse;
+use super::changes::{FROM_NOW_ON, InUse, STOPPING};
 use super::diagnosis_request::Diagnosis;
 use super::model::ModelFeed;
 use super::parameters::{MODEL, apply};
@@ -33,6 +33,12 @@ struct Inputs {
     scale: Option<Box<dyn Subscribe<ScaleReading>>>,
 }
 
+/// What may be set while the loop runs.
+struct Set {
+    bounds: MonitorSettings,
+    max_covariate_age_s: f64,
+}
+
 /// What the loop works with.
 struct Monitor {
     step: MonitorStep,
@@ -45,8 +51,8 @@ struct Monitor {
     warned: Option<Stamp>,
     looked_for: Option<Sha256>,
     remarks: Remarks,
-    /// New bounds, newest last.
-    bounds: Receiver<MonitorSettings>,
+    /// What was set, newest last.
+    set: Receiver<Set>,
     _changes: InUse,
 }
 
@@ -136,7 +142,7 @@ impl Monitor {
             warned: None,
             looked_for: None,
             remarks: Remarks::default(),
-            bounds: taken,
+            set: taken,
             _changes: changes,
         })
     }
@@ -144,9 +150,11 @@ impl Monitor {
     /// Takes what has come, waiting at most `patience` for it; gives what can be said about it.
     fn take(&mut self, inputs: &mut Inputs, patience: Duration, summary: &mut NodeSummary) -> Vec<RangeResidual> {
         let mut residuals = Vec::new();
-        if let Some(bounds) = self.bounds.try_iter().last() {
+        if let Some(Set { bounds, max_covariate_age_s }) = self.set.try_iter().last() {
             self.diagnosis.match_within(bounds.match_within_s);
+            self.diagnosis.set_max_covariate_age_s(max_covariate_age_s);
             self.step.judge_by(bounds);
+            self.step.set_max_covariate_age_s(max_covariate_age_s);
         }
         if let Some((model, sha256)) = self.models.newest() {
             residuals.extend(self.step.learn(model, sha256));
@@ -193,11 +201,11 @@ impl Monitor {
     }
 }
 
-/// Puts another model file, or other bounds, to use; a file that cannot be used leaves the bounds as they are.
+/// Puts another model file, other bounds, or another age to use; a file that cannot be used leaves the others as they are.
 fn change(
     context: &NodeContext,
     model: impl Fn(&Path) -> Result<(), String> + Send + 'static,
-    bounds: Sender<MonitorSettings>,
+    set: Sender<Set>,
 ) -> impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static {
     let (mut launch, base, node) = (context.launch.clone(), context.base.clone(), context.name);
     move |values| {
@@ -207,10 +215,11 @@ fn change(
             }
         }
         apply(values.iter().map(|(name, value)| (name.as_str(), value)), &mut launch, node);
-        if let Some(settings) = launch.monitor_settings() {
-            bounds.send(settings).map_err(|_| "the node is stopping".to_owned())?;
+        if let Some(bounds) = launch.monitor_settings() {
+            let max_covariate_age_s = launch.max_covariate_age_s;
+            set.send(Set { bounds, max_covariate_age_s }).map_err(|_| STOPPING.to_owned())?;
         }
-        Ok("in use from the next sample on".to_owned())
+        Ok(FROM_NOW_ON.to_owned())
     }
 }
 

@@ -1,9 +1,8 @@
 //! ROS parameters of the nodes: what of the launch file a `--ros-args -p` may change at the start.
 //!
-//! Place in the flow: declared with unit and range when a node starts; the launch file gives the defaults. What corrects
-//! by a figure that no sample names (the age from which a covariate is stale) is fixed while the node runs, as is the pace
-//! of a recording: a replay would not know of a change. A model is named by its hash in each sample, and the monitor's
-//! bounds correct nothing; these may change ([`super::changes`]).
+//! Place in the flow: declared with unit and range when a node starts; the launch file gives the defaults. The pace of a
+//! recording is fixed while the node runs. What else there is may change ([`super::changes`]): a model is named by its hash in
+//! each sample, the monitor's bounds correct nothing, and a replay is given each age from which a covariate was stale.
 
 use crate::launch::{Launch, NodeName, Pace};
 use abbe_runtime::TransportKind;
@@ -22,7 +21,8 @@ const LONGEST_WINDOW: i64 = 1_000_000;
 /// Smallest number above zero that makes sense for any of them.
 const SMALLEST: f64 = 1e-6;
 
-const MAX_COVARIATE_AGE: &str = "max_covariate_age_s";
+/// Age from which a covariate is stale, of each node that looks at it.
+pub(super) const MAX_COVARIATE_AGE: &str = "max_covariate_age_s";
 const RATE: &str = "rate_hz";
 const TIME_FACTOR: &str = "time_factor";
 const SINGLE_BOUND: &str = "single_bound";
@@ -97,7 +97,10 @@ pub(super) fn table(
         Pace::AsTheyCome => None,
     };
     // The three nodes that look at the age of a covariate read the same figure; one that is to be stricter is to be so in each.
-    let age = || positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", "Age from which a covariate is stale.");
+    let age = || ParameterSpec {
+        read_only: false,
+        ..positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", "Age from which a covariate is stale.")
+    };
     let specs: Vec<ParameterSpec> = match node {
         NodeName::Scale => launch.scale.iter().filter_map(|source| pace(source.pace)).collect(),
         NodeName::Tracer => launch.tracer.iter().filter_map(|source| pace(source.pace)).collect(),
@@ -261,15 +264,16 @@ mod tests {
     }
 
     #[test]
-    fn what_no_sample_tells_of_is_fixed_while_a_node_runs() {
+    fn only_the_pace_of_a_recording_is_fixed_while_a_node_runs() {
         let changeable = |node| {
             let table = table(&launch(), node, Vec::new()).unwrap();
             let names: Vec<&str> = table.values().map(|(name, _)| name).collect();
             names.into_iter().filter(|name| !table.spec(name).unwrap().read_only).collect::<Vec<_>>()
         };
         assert_eq!(changeable(NodeName::Scale), [""; 0]);
-        assert_eq!(changeable(NodeName::Geometric), ["model"]);
-        assert_eq!(changeable(NodeName::Monitor), ["match_within_s", "model", "single_bound", "window"]);
+        assert_eq!(changeable(NodeName::Geometric), ["max_covariate_age_s", "model"]);
+        let of_monitor = ["match_within_s", "max_covariate_age_s", "model", "single_bound", "window"];
+        assert_eq!(changeable(NodeName::Monitor), of_monitor);
     }
 
     #[test]

@@ -41,6 +41,11 @@ impl Scales {
         Scales { max_age_s, kept: BTreeMap::new() }
     }
 
+    /// From now on, a covariate of more than this age (s) is stale.
+    pub(super) fn set_max_age_s(&mut self, max_age_s: f64) {
+        self.max_age_s = max_age_s;
+    }
+
     pub(crate) fn keep(&mut self, reading: &ScaleReading) {
         let stamp = reading.stamp.to_nanos();
         // Of a clock that was set back, what lies ahead is of another time.

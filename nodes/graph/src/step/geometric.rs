@@ -63,6 +63,11 @@ impl GeometricStep {
         self.model = Some((model, sha256));
     }
 
+    /// From the next reading on, a covariate of more than this age (s) is stale.
+    pub fn set_max_covariate_age_s(&mut self, max_covariate_age_s: f64) {
+        self.max_covariate_age_s = max_covariate_age_s;
+    }
+
     /// Hash of the model in use; [`Sha256::NONE`] without one.
     pub fn model_sha256(&self) -> Sha256 {
         self.model.as_ref().map_or(Sha256::NONE, |(_, sha256)| *sha256)

@@ -112,6 +112,13 @@ impl MonitorStep {
         MonitorStep { scales: Some(Scales::new(max_covariate_age_s)), ..self }
     }
 
+    /// From now on, a covariate of more than this age (s) is stale.
+    pub fn set_max_covariate_age_s(&mut self, max_covariate_age_s: f64) {
+        if let Some(scales) = &mut self.scales {
+            scales.set_max_age_s(max_covariate_age_s);
+        }
+    }
+
     /// Judges by other bounds from now on. With another window, or other instants that are the same, the verdict begins
     /// anew: what lies behind was judged by the old ones.
     pub fn judge_by(&mut self, settings: MonitorSettings) {

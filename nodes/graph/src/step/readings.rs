@@ -141,6 +141,11 @@ impl ReadingBuffer {
         self.pairs.within(match_within_s);
     }
 
+    /// From now on, a covariate of more than this age (s) is missing.
+    pub fn set_max_covariate_age_s(&mut self, max_covariate_age_s: f64) {
+        self.max_covariate_age_s = max_covariate_age_s;
+    }
+
     /// At the end of the readings: keeps those that waited for a scale reading nearer than the nearest that came.
     pub fn finish(&mut self) {
         for (scales, waited) in self.pairs.finish() {

@@ -44,6 +44,11 @@ impl ResidualStep {
         ResidualStep { fields: field.into_iter().collect(), frame_id: None, max_covariate_age_s }
     }
 
+    /// From the next sample on, a covariate of more than this age (s) is stale.
+    pub fn set_max_covariate_age_s(&mut self, max_covariate_age_s: f64) {
+        self.max_covariate_age_s = max_covariate_age_s;
+    }
+
     /// Whether a field asks for covariates of this sample.
     pub fn asks_of(&self, sample: &CorrectedCoordinates) -> bool {
         self.field_of(sample).is_some_and(|owned| !owned.field.covariates().is_empty())
