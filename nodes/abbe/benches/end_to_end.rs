@@ -74,7 +74,7 @@ fn launch(kind: TransportKind) -> Launch {
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
-        stamps: Stamps::Recorded,
+        stamps: Some(Stamps::Recorded),
         publish_clock: false,
         visible_in_ros: false,
         commands_from_ros: true,

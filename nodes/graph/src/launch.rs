@@ -133,11 +133,10 @@ pub enum Pace {
 }
 
 /// What a recording that is played is stamped with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stamps {
     /// The instants of the recording, whenever it is played.
-    #[default]
     Recorded,
     /// The instants at which it is played.
     Now,
@@ -258,9 +257,9 @@ pub struct Launch {
     /// Whether services over ROS 2 may change what a node does. Without them the graph is only looked at from there.
     #[serde(default = "commands_from_ros")]
     pub commands_from_ros: bool,
-    /// What recordings are stamped with while they are played.
-    #[serde(default)]
-    pub stamps: Stamps,
+    /// What recordings are stamped with while they are played; [`Launch::stamps`] says what holds where it is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stamps: Option<Stamps>,
     /// Whether the scale node gives the instants of its recording on `/clock`, for all that go by simulated time.
     #[serde(default)]
     pub publish_clock: bool,
@@ -430,6 +429,11 @@ impl Launch {
         };
         let mut drivers = source.iter().map(|source| &source.driver).chain(beside);
         drivers.any(|driver| matches!(driver, DriverConfig::Ros(_)))
+    }
+
+    /// What recordings are stamped with: the present, unless the file says otherwise or gives the time of the recording on `/clock`.
+    pub fn stamps(&self) -> Stamps {
+        self.stamps.unwrap_or(if self.publish_clock { Stamps::Recorded } else { Stamps::Now })
     }
 
     /// The monitor's settings.

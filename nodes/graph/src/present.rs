@@ -45,7 +45,7 @@ impl Present {
     pub(crate) fn problem(&self, pace: Pace, is_simulated: bool) -> Option<String> {
         if self.pace != pace {
             let paces = format!("this source plays at {pace:?}, the one before it at {:?}", self.pace);
-            return Some(format!("{paces}; give scale and tracer the same pace, or leave stamps out"));
+            return Some(format!("{paces}; give scale and tracer the same pace, or say stamps = \"recorded\""));
         }
         (self.is_simulated != is_simulated)
             .then(|| "scale and tracer go by different clocks; give both use_sim_time, or neither".to_owned())

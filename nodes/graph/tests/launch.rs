@@ -1,6 +1,6 @@
 //! Evidence for launch files: what is refused, where, and that no text makes the parser panic.
 
-use abbe_graph::launch::{Launch, NodeName};
+use abbe_graph::launch::{Launch, NodeName, Stamps};
 use abbe_runtime::TransportKind;
 use abbe_runtime::realtime::online_cores;
 use proptest::prelude::*;
@@ -94,6 +94,36 @@ fn services_may_change_what_a_node_does_unless_the_file_says_no() {
     assert!(parse(&waiting("visible_in_ros = false\n")).unwrap_err().contains("visible_in_ros = false"));
     let shut = parse(&waiting("commands_from_ros = false\n")).unwrap_err();
     assert!(shut.contains("autostart") && shut.contains("commands_from_ros"), "{shut}");
+}
+
+#[test]
+fn what_is_played_is_stamped_with_the_present_unless_the_file_says_otherwise_or_gives_its_own_clock() {
+    let with = |keys: &str| parse(&format!("{keys}\n{GOOD}"));
+    for (keys, stamps) in [
+        ("", Stamps::Now),
+        ("stamps = \"now\"", Stamps::Now),
+        ("stamps = \"recorded\"", Stamps::Recorded),
+        ("publish_clock = true", Stamps::Recorded),
+    ] {
+        let launch = with(keys).unwrap();
+        assert_eq!(launch.stamps(), stamps, "{keys}");
+        assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    }
+    assert!(with("stamps = \"now\"\npublish_clock = true").unwrap_err().contains("publish_clock"));
+    // What cannot be played in the present is refused, and may be played with its own stamps.
+    let played = "driver = { kind = \"campaign\", file = \"campaign.csv\" }\npace = { rate_hz = 1000.0 }";
+    let bag = played.replace("kind = \"campaign\"", "kind = \"bag\", topic = \"/a\"");
+    let other_pace = played.replace("1000.0", "999.0");
+    let paired = diagnosing("").replacen(
+        "driver = { kind = \"virtual_machine\", seed = 1 }\npace = { rate_hz = 100.0 }",
+        &other_pace,
+        1,
+    );
+    for torn in [GOOD.replacen(played, &bag, 1), paired] {
+        let refused = parse(&torn).unwrap_err();
+        assert!(refused.contains(": stamps: ") && refused.contains("stamps = \"recorded\""), "{refused}");
+        parse(&format!("stamps = \"recorded\"\n{torn}")).unwrap();
+    }
 }
 
 #[test]

@@ -75,12 +75,14 @@ impl LaunchText {
         self
     }
 
-    /// Nodes without an edge over DDS are in no ROS graph, unless a key says so: shared memory alone is what most tests are about.
+    /// Nodes without an edge over DDS are in no ROS graph, and recordings keep their stamps, unless a key says so: shared memory and comparing
+    /// with the recording are what most tests are about.
     pub(crate) fn text(&self) -> String {
         let hidden = if self.keys.contains("visible_in_ros") { "" } else { "visible_in_ros = false\n" };
+        let stamps = if self.keys.contains("stamps = ") { "" } else { "stamps = \"recorded\"\n" };
         format!(
             "namespace = \"{NAMESPACE}\"\nmachine = \"{}\"\nmodel = \"model.json\"\nnodes = {:?}\n\
-             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{hidden}{}{}{}\n{}{}",
+             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{hidden}{stamps}{}{}{}\n{}{}",
             text(&machine()),
             self.nodes,
             self.keys,

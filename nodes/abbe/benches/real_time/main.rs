@@ -120,7 +120,7 @@ fn launch(nodes: &[NodeName], edges: &[(NodeName, &str)], in_real_time: bool) ->
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
-        stamps: Stamps::Recorded,
+        stamps: Some(Stamps::Recorded),
         publish_clock: false,
         visible_in_ros: false,
         commands_from_ros: true,

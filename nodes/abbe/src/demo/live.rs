@@ -200,7 +200,7 @@ fn launch(run: &Run) -> Launch {
         gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
         tracer: Some(play(topics::TRACER_READING, None)),
-        stamps: Stamps::Recorded,
+        stamps: Some(Stamps::Recorded),
         publish_clock: false,
         visible_in_ros: false,
         commands_from_ros: true,

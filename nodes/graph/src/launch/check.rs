@@ -76,7 +76,6 @@ impl Launch {
                 "false leaves the nodes to a manager, which commands_from_ros = false shuts out",
             );
         }
-        self.check_stamps(path)?;
         self.check_covariates(path)?;
         if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {
             return wrong("scale.repeat_from", "is for recordings; a live driver has no end to begin again at");
@@ -101,7 +100,8 @@ impl Launch {
         if let Some((key, problem)) = self.realtime.as_ref().and_then(|realtime| realtime.problem(self)) {
             return wrong(key, &problem);
         }
-        self.check_edges(path)
+        self.check_edges(path)?;
+        self.check_stamps(path)
     }
 
     /// What recordings are stamped with leaves scale and tracer readings of one instant together.
@@ -112,7 +112,7 @@ impl Launch {
         let played: Vec<&Source> =
             [&self.scale, &self.tracer].into_iter().flatten().filter(|source| !source.driver.is_live()).collect();
         if self.publish_clock {
-            if self.scale.as_ref().is_none_or(|source| source.driver.is_live()) || self.stamps == Stamps::Now {
+            if self.scale.as_ref().is_none_or(|source| source.driver.is_live()) || self.stamps() == Stamps::Now {
                 return wrong(
                     "publish_clock",
                     "gives the instants of a recording: scale needs one, with stamps = \"recorded\"",
@@ -125,7 +125,7 @@ impl Launch {
                 );
             }
         }
-        if self.stamps == Stamps::Recorded {
+        if self.stamps() == Stamps::Recorded || played.is_empty() && self.stamps.is_none() {
             return Ok(());
         }
         if played.is_empty() {
@@ -138,13 +138,15 @@ impl Launch {
         if played.iter().filter(is_by_count).any(|source| matches!(source.driver, DriverConfig::Bag { .. })) {
             return wrong(
                 "stamps",
-                "\"now\" needs the recorded distances of a bag; play it with pace = { time_factor = 1.0 }",
+                "the present needs the recorded distances of a bag: play it with pace = { time_factor = 1.0 }, or with \
+                 stamps = \"recorded\"",
             );
         }
         if let [scale, tracer] = played[..]
             && (scale.pace != tracer.pace || is_by_count(&&scale) && scale.driver != tracer.driver)
         {
-            let problem = "\"now\" would tear pairs apart: give scale and tracer the same pace, and with rate_hz the same recording";
+            let problem = "stamps of the present would tear pairs apart: give scale and tracer the same pace, and with rate_hz the same \
+                           recording; or say stamps = \"recorded\"";
             return wrong("stamps", problem);
         }
         Ok(())

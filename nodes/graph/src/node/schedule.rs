@@ -40,7 +40,7 @@ pub(super) struct Schedule {
 
 /// Whether what this source plays gets present stamps.
 fn stamps_now(context: &NodeContext, source: &Source) -> bool {
-    context.launch.stamps == Stamps::Now && !source.driver.is_live()
+    context.launch.stamps() == Stamps::Now && !source.driver.is_live()
 }
 
 /// Whether this source gives a reading when it is due by `/clock`.
@@ -235,9 +235,9 @@ fn sleep(until: Duration, now: Duration, shutdown: &Shutdown) -> bool {
     if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
 }
 
-/// What the first source of this launch said; a source without a run has nobody to agree with.
+/// What the first source of this launch said; a source without a run has nobody to agree with, and one that begins anew is the only one.
 fn agreed(context: &NodeContext, own: Present) -> Result<Present, NodeError> {
-    let Some(run) = &context.whole_run else { return Ok(own) };
+    let Some(run) = context.whole_run.as_ref().filter(|_| !context.is_configured_again()) else { return Ok(own) };
     let wrong = |error: String| NodeError::Present(format!("scale and tracer cannot agree about the time: {error}"));
     let word = serde_json::to_string(&own).map_err(|error| wrong(error.to_string()))?;
     // A later launch of the same name is another; one by hand has no launcher.

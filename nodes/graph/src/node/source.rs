@@ -89,9 +89,12 @@ fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
     let source = source.ok_or(NodeError::Incomplete { node: context.name.name(), part: "a driver for it" })?;
-    // All sources of a launch have agreed about one present for one beginning.
-    if context.is_configured_again() && context.launch.stamps == Stamps::Now && !source.driver.is_live() {
-        let problem = "a recording that is stamped with the present cannot begin anew; start the whole launch again";
+    // Two sources have agreed about one present for one beginning.
+    let played = [&context.launch.scale, &context.launch.tracer]
+        .map(|one| one.as_ref().is_some_and(|one| !one.driver.is_live()));
+    if context.is_configured_again() && context.launch.stamps() == Stamps::Now && played == [true, true] {
+        let problem = "scale and tracer have one present for what they play, so neither can begin anew; start the whole launch again, \
+                       or play it with stamps = \"recorded\"";
         return Err(NodeError::Present(problem.to_owned()));
     }
     Ok(source)
