@@ -20,6 +20,9 @@ const FOUND_BY_A_SEARCH: [&str; 7] =
     ["axis_term", "empirical", "outlying_run", "periodic_scale", "scale_step", "stand_jump", "zero_jump"];
 const EXPORTS: &str = "nodes/files/src/export";
 const DRIVERS: &str = "nodes/graph/src/driver";
+const FILES: &str = "abbe-files";
+/// What computes with readings, which is more than reading them.
+const SOLVERS: [&str; 3] = ["abbe-identify", "abbe-diagnose", "abbe-residual-training"];
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "tests/evidence/virtual-machine";
 
@@ -74,6 +77,14 @@ fn dependencies_point_one_way() {
         "nodes → msgs, models, evidence; evidence → models; msgs → none",
         &Graph::of_workspace().against_direction(),
     );
+}
+
+#[test]
+fn files_are_read_and_written_without_what_solves() {
+    let named = &Graph::of_workspace().direct[FILES];
+    assert!(named.contains("abbe-measurement"), "the graph holds what files are read into");
+    let solvers: Vec<&String> = named.iter().filter(|name| SOLVERS.contains(&name.as_str())).collect();
+    assert!(solvers.is_empty(), "{FILES} names {solvers:?}: what is read belongs into models/measurement");
 }
 
 #[test]

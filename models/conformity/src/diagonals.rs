@@ -8,7 +8,9 @@
 
 use crate::departure::Departure;
 use crate::error::ConformityError;
-use crate::positioning::{Approach, AxisFigures, evaluate as evaluate_axis};
+use crate::positioning::{AxisFigures, evaluate as evaluate_axis};
+use abbe_measurement::positioning::Run;
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 /// The four body diagonals.
@@ -67,7 +69,7 @@ pub struct DiagonalFigures {
 ///
 /// # Errors
 /// A name that is no diagonal, the same diagonal from both ends, and what [`crate::positioning::evaluate`] refuses.
-pub fn evaluate(diagonals: &BTreeMap<String, Vec<Approach>>) -> Result<DiagonalFigures, ConformityError> {
+pub fn evaluate<R: Borrow<Run>>(diagonals: &BTreeMap<String, Vec<R>>) -> Result<DiagonalFigures, ConformityError> {
     if diagonals.is_empty() {
         return Err(ConformityError::new("diagonals", "there is none", "measure along the four body diagonals"));
     }
@@ -101,7 +103,7 @@ fn reversed(name: &str) -> String {
     name.chars().map(turn).collect()
 }
 
-fn missing(diagonals: &BTreeMap<String, Vec<Approach>>, kinds: &BTreeMap<DiagonalKind, Vec<usize>>) -> Vec<Departure> {
+fn missing<R>(diagonals: &BTreeMap<String, Vec<R>>, kinds: &BTreeMap<DiagonalKind, Vec<usize>>) -> Vec<Departure> {
     if !kinds.contains_key(&DiagonalKind::Body) {
         return Vec::new();
     }
@@ -126,24 +128,25 @@ fn largest(figures: &[AxisFigures], members: &[usize]) -> Largest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::positioning::Direction;
+    use crate::positioning::tests::run;
+    use abbe_measurement::positioning::Approach;
 
     /// Five targets up to `length_m`, five cycles; deviation = slope·D ± reversal/2 (m).
-    fn diagonal(length_m: f64, slope: f64, reversal_m: f64) -> Vec<Approach> {
+    fn diagonal(length_m: f64, slope: f64, reversal_m: f64) -> Vec<Run> {
         let mut list = Vec::new();
         for share in [0.0, 0.21, 0.39, 0.63, 0.78, 1.0] {
             let target_m = length_m * share;
             for cycle in 1..=5 {
-                for (direction, sign) in [(Direction::Up, 0.5), (Direction::Down, -0.5)] {
+                for (approach, sign) in [(Approach::Positive, 0.5), (Approach::Negative, -0.5)] {
                     let deviation_m = slope * target_m + sign * reversal_m;
-                    list.push(Approach { target_m, direction, cycle, deviation_m });
+                    list.push(run(target_m, approach, cycle, deviation_m));
                 }
             }
         }
         list
     }
 
-    fn all(names: &[&str]) -> BTreeMap<String, Vec<Approach>> {
+    fn all(names: &[&str]) -> BTreeMap<String, Vec<Run>> {
         let slopes = (1..).map(|k| 1e-6 * f64::from(k));
         names.iter().zip(slopes).map(|(name, slope)| ((*name).to_owned(), diagonal(1.0, slope, 2e-6))).collect()
     }
@@ -187,6 +190,6 @@ mod tests {
             assert!(evaluate(&all(&[name])).unwrap_err().to_string().contains("names no diagonal"), "{name}");
         }
         assert!(evaluate(&all(&["PPP", "NNN"])).unwrap_err().to_string().contains("from the other end"));
-        assert!(evaluate(&BTreeMap::new()).is_err());
+        assert!(evaluate::<Run>(&BTreeMap::new()).is_err());
     }
 }

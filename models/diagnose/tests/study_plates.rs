@@ -3,7 +3,6 @@
 use abbe_diagnose::Explanation;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Effect, Parameter, StudyDiagnosis, StudyOptions};
-use abbe_geometry::Axis;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -192,7 +191,7 @@ fn a_plane_without_its_third_column_gives_what_a_constant_one_gives() {
     let mut bare = vectors.clone();
     for vector in &mut bare {
         (vector.position_m[2], vector.position_lacks, vector.residual_lacks) =
-            (0.0, Some(Axis::Z), [false, false, true]);
+            (0.0, [false, false, true], [false, false, true]);
     }
     let (constant, bare) = (study(&vectors), study(&bare));
     assert_eq!(names(&constant), names(&bare));

@@ -1,4 +1,5 @@
-//! What an instrument sees: tracer campaigns and the uncertainty of their ranges, spheres, probes, guideways.
+//! What an instrument sees: tracer campaigns and the uncertainty of their ranges, positioning runs, residual vectors, spheres, probes,
+//! guideways.
 //!
 //! Place in the flow: files and bags are read into a [`campaign::Campaign`]; identification, the monitor and
 //! the simulator share that one form. Pure data and numerics: no file, no clock, no ROS.
@@ -31,7 +32,9 @@ mod least_squares;
 pub mod motion;
 pub mod multilateration;
 pub mod network;
+pub mod positioning;
 pub mod probe_pose;
+pub mod residual_vector;
 pub mod robust;
 pub mod sphere;
 pub mod standstill;

@@ -36,10 +36,8 @@ pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
     );
     let tip_m = tip_of(&rows);
     let first = &rows[0];
-    let mut lacks = Lacks {
-        position: first.position_lacks,
-        error: Axis::ALL.into_iter().find(|axis| first.residual_lacks[axis.index()]),
-    };
+    let lacking = |lacks: [bool; 3]| Axis::ALL.into_iter().find(|axis| lacks[axis.index()]);
+    let mut lacks = Lacks { position: lacking(first.position_lacks), error: lacking(first.residual_lacks) };
     let points_m: Vec<Vector3<f64>> = rows.iter().map(|row| row.position_m.into()).collect();
     let mut errors_m: Vec<Vector3<f64>> = rows.iter().map(|row| row.residual_m.into()).collect();
     let u_m: Option<Vec<Vector3<f64>>> = rows.iter().map(|row| row.u_m.map(Vector3::from)).collect();

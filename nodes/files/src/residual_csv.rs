@@ -15,7 +15,7 @@ use crate::export::commented;
 use crate::points_csv::unwritten;
 use crate::residual_file::ResidualOwner;
 use crate::units::{micrometres_from_m, millimetres_from_m};
-use abbe_diagnose::study::vectors::ResidualVector;
+use abbe_measurement::residual_vector::ResidualVector;
 use csv::Writer;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};

@@ -19,10 +19,10 @@ use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::predicted_csv;
 use crate::table_facts::is_temperature;
 use crate::tips::refuse_several_tips;
-use abbe_diagnose::study::five_axis::SphereCentre;
-use abbe_diagnose::study::runs::{Approach, Run};
-use abbe_diagnose::study::vectors::ResidualVector;
 use abbe_geometry::Axis;
+use abbe_measurement::positioning::{Approach, Run};
+use abbe_measurement::probe_pose::SphereCentre;
+use abbe_measurement::residual_vector::ResidualVector;
 use csv::ByteRecord;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -306,7 +306,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
             pose: pose.map(|column| row.text(column)).transpose()?,
             point: point.map(|column| row.text(column)).transpose()?,
             u_plate_m: u_plate.map(|column| row.positive(column, 1e6)).transpose()?,
-            position_lacks: position.lacks().filter(|_| may_lack),
+            position_lacks: position.columns.map(|column| may_lack && column.is_none()),
             residual_lacks: residual.columns.map(|column| column.is_none()),
         })
     })

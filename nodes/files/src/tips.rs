@@ -7,7 +7,7 @@
 use crate::columns::OFFSET;
 use crate::error::{FileError, Place};
 use crate::units::millimetres_from_m;
-use abbe_diagnose::study::vectors::ResidualVector;
+use abbe_measurement::residual_vector::ResidualVector;
 
 /// Offsets that differ by less (mm) are those of one tip: by that, axes that turn by 100 µrad move it 10 nm apart.
 const SAME_MM: f64 = 0.1;

@@ -2,9 +2,9 @@
 
 use crate::mangled::mangled;
 use abbe_conformity::length::{LengthTest, Probing, evaluate};
-use abbe_conformity::positioning::{self, Approach, Direction};
-use abbe_diagnose::study::runs::Approach as Approached;
+use abbe_conformity::positioning;
 use abbe_files::{FileError, LengthFile, StudyFile, read_lengths, read_runs};
+use abbe_measurement::positioning::Run;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -39,25 +39,12 @@ fn lengths(bytes: &[u8]) -> Result<LengthFile, FileError> {
 }
 
 /// The same with runs.
-fn runs(bytes: &[u8]) -> Result<StudyFile<abbe_diagnose::study::runs::Run>, FileError> {
+fn runs(bytes: &[u8]) -> Result<StudyFile<Run>, FileError> {
     let read = read_runs(bytes, "fuzz");
     assert_told(&read);
     if let Ok(file) = &read {
         assert!(file.rows.iter().all(|run| run.target_m.is_finite() && run.measured_m.is_finite()));
-        let approaches: Vec<Approach> = file
-            .rows
-            .iter()
-            .map(|run| Approach {
-                target_m: run.target_m,
-                direction: match run.approach {
-                    Approached::Positive => Direction::Up,
-                    Approached::Negative => Direction::Down,
-                },
-                cycle: run.cycle,
-                deviation_m: run.error_m(),
-            })
-            .collect();
-        let _ = positioning::evaluate("X", &approaches);
+        let _ = positioning::evaluate("X", &file.rows);
     }
     read
 }

@@ -1,7 +1,6 @@
 //! A residual model comes back bit for bit; one of another machine, model, layout or with one bit changed is refused.
 //! Residual vectors come back from a file with what they are of.
 
-use abbe_diagnose::study::vectors::ResidualVector;
 use abbe_files::{
     DataSource, FileError, LoadedResidual, ResidualFile, ResidualOrigin, ResidualOwner, hex, read_residual_origin,
     read_residual_vectors_file, write_residual_vectors,
@@ -9,6 +8,7 @@ use abbe_files::{
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::NoCovariates;
 use abbe_geometry::residual_field::ResidualField;
+use abbe_measurement::residual_vector::ResidualVector;
 use abbe_residual_net::ResidualModel;
 use abbe_residual_net::record::{Array, Record};
 use proptest::prelude::*;

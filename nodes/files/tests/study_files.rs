@@ -1,10 +1,10 @@
 //! Sphere centres, positioning runs and residual vectors are read in SI; what is wrong is named with its place and remedy.
 
-use abbe_diagnose::study::runs::Approach;
 use abbe_files::{
     read_component_vectors, read_plane_vectors, read_residual_vectors, read_runs, read_sphere_centres,
     read_sphere_centres_file,
 };
+use abbe_measurement::positioning::Approach;
 use abbe_measurement::probe_pose::{ProbePose, ProbePoseModel};
 use std::path::Path;
 

@@ -20,6 +20,8 @@ pub use figures::{AxisFigures, DirectionFigures, TargetFigures};
 
 use crate::departure::Departure;
 use crate::error::ConformityError;
+use abbe_measurement::positioning::{Approach, Run};
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 /// Approaches to a target from each direction that the standard asks for.
@@ -43,37 +45,16 @@ const SHORTEST_M: f64 = 5e-3;
 /// Targets of one position are the same to this (m).
 const SAME_TARGET_M: f64 = 1e-6;
 
-/// Direction of approach.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Direction {
-    /// Towards larger positions (↑).
-    Up,
-    /// Towards smaller positions (↓).
-    Down,
-}
-
-/// One approach to one target.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Approach {
-    /// Target position (m).
-    pub target_m: f64,
-    /// Direction of approach.
-    pub direction: Direction,
-    /// Number of the cycle.
-    pub cycle: i64,
-    /// Actual − target (m).
-    pub deviation_m: f64,
-}
-
-/// Figures of one axis.
+/// Figures of one axis; what a run names as its axis is not looked at.
 ///
 /// # Errors
 /// No approach; a figure that is not finite; the same approach twice; a deviation of millimetres; fewer than two targets, or all within
 /// a few millimetres;
 /// a target approached once only from a direction on up to 2 m, so that its scatter is unknown. What else a test after the standard
 /// asks for is a departure.
-pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, ConformityError> {
+pub fn evaluate<R: Borrow<Run>>(axis: &str, runs: &[R]) -> Result<AxisFigures, ConformityError> {
     let place = format!("axis {axis}");
+    let approaches: Vec<&Run> = runs.iter().map(Borrow::borrow).collect();
     if approaches.is_empty() {
         return Err(ConformityError::new(place, "there is no approach", "give measured positions"));
     }
@@ -101,33 +82,32 @@ struct Group {
     down_m: BTreeMap<i64, f64>,
 }
 
-fn check(place: &str, approach: &Approach) -> Result<(), ConformityError> {
+fn check(place: &str, approach: &Run) -> Result<(), ConformityError> {
     let at = || format!("{place}, target {} mm, cycle {}", approach.target_m * 1e3, approach.cycle);
-    if !(approach.target_m.is_finite() && approach.deviation_m.is_finite()) {
+    if !(approach.target_m.is_finite() && approach.error_m().is_finite()) {
         return Err(ConformityError::new(at(), "target or deviation is not a finite number", "correct or remove it"));
     }
-    if approach.deviation_m.abs() > PLAUSIBLE_M {
-        let problem = format!("a deviation of {:.3} mm is that of another target or unit", approach.deviation_m * 1e3);
+    if approach.error_m().abs() > PLAUSIBLE_M {
+        let problem = format!("a deviation of {:.3} mm is that of another target or unit", approach.error_m() * 1e3);
         return Err(ConformityError::new(at(), problem, "check target, measured position and their units"));
     }
     Ok(())
 }
 
-fn by_target(place: &str, approaches: &[Approach]) -> Result<Vec<Group>, ConformityError> {
-    let mut sorted: Vec<&Approach> = approaches.iter().collect();
-    sorted.sort_by(|a, b| a.target_m.total_cmp(&b.target_m));
+fn by_target(place: &str, mut approaches: Vec<&Run>) -> Result<Vec<Group>, ConformityError> {
+    approaches.sort_by(|a, b| a.target_m.total_cmp(&b.target_m));
     let mut groups: Vec<Group> = Vec::new();
-    for approach in sorted {
+    for approach in approaches {
         let same = groups.last().is_some_and(|group| approach.target_m - group.target_m <= SAME_TARGET_M);
         if !same {
             groups.push(Group { target_m: approach.target_m, up_m: BTreeMap::new(), down_m: BTreeMap::new() });
         }
         let Some(group) = groups.last_mut() else { continue };
-        let own = match approach.direction {
-            Direction::Up => &mut group.up_m,
-            Direction::Down => &mut group.down_m,
+        let own = match approach.approach {
+            Approach::Positive => &mut group.up_m,
+            Approach::Negative => &mut group.down_m,
         };
-        if own.insert(approach.cycle, approach.deviation_m).is_some() {
+        if own.insert(approach.cycle, approach.error_m()).is_some() {
             let at = format!("{place}, target {} mm, cycle {}", approach.target_m * 1e3, approach.cycle);
             let remedy = "number the cycles 1, 2, 3, and give each approach once";
             return Err(ConformityError::new(at, "the approach from this direction stands twice", remedy));
@@ -194,4 +174,4 @@ fn equal_step_m(groups: &[Group]) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -2,6 +2,17 @@
 
 use super::*;
 
+/// An approach to a target.
+pub(crate) fn run(target_m: f64, approach: Approach, cycle: i64, deviation_m: f64) -> Run {
+    let measured_m = target_m + deviation_m;
+    Run { axis: "X".to_owned(), target_m, approach, cycle, measured_m, time_s: None, covariates: BTreeMap::new() }
+}
+
+/// The same deviation at another target.
+fn moved(from: &Run, target_m: f64) -> Run {
+    run(target_m, from.approach, from.cycle, from.error_m())
+}
+
 /// Deviations in µm: for each target the five approaches upwards and downwards.
 ///
 /// By hand, µm. Target 0: ↑ −1 0 1 0 0: mean 0, s = √(2/4) = 0.70711; ↓ 2 2 2 2 2: mean 2, s = 0; B = −2, x̄ = 1.
@@ -15,14 +26,14 @@ const CASE_UM: [([f64; 5], [f64; 5]); 5] = [
     ([1.0; 5], [1.0; 5]),
 ];
 
-fn case() -> Vec<Approach> {
+fn case() -> Vec<Run> {
     let mut list = Vec::new();
     for (k, (up, down)) in CASE_UM.iter().enumerate() {
-        for (direction, values) in [(Direction::Up, up), (Direction::Down, down)] {
+        for (approach, values) in [(Approach::Positive, up), (Approach::Negative, down)] {
             for (cycle, value) in values.iter().enumerate() {
                 // Steps as the standard wants them; no figure depends on them.
                 let target_m = 0.1 * k as f64 + [0.0, 3e-3, -2e-3, 0.0, 0.0][k];
-                list.push(Approach { target_m, direction, cycle: cycle as i64 + 1, deviation_m: value * 1e-6 });
+                list.push(run(target_m, approach, cycle as i64 + 1, value * 1e-6));
             }
         }
     }
@@ -62,7 +73,7 @@ fn figures_are_those_worked_out_by_hand() {
 
 #[test]
 fn one_direction_alone_gives_unidirectional_figures_only() {
-    let up: Vec<Approach> = case().into_iter().filter(|a| a.direction == Direction::Up).collect();
+    let up: Vec<Run> = case().into_iter().filter(|a| a.approach == Approach::Positive).collect();
     let found = evaluate("X", &up).unwrap();
     close(found.accuracy_up_m, 5.0 + 4.0 * 0.5_f64.sqrt());
     assert_eq!(
@@ -75,11 +86,11 @@ fn one_direction_alone_gives_unidirectional_figures_only() {
 /// Targets that stand 0.2 mm apart by direction gave a line of dashes, and no reason that helps.
 #[test]
 fn regress_targets_of_one_direction_each_are_told() {
-    let apart = |a: Approach| match a.direction {
-        Direction::Up => a,
-        Direction::Down => Approach { target_m: a.target_m + 2e-4, ..a },
+    let apart = |a: Run| match a.approach {
+        Approach::Positive => a,
+        Approach::Negative => moved(&a, a.target_m + 2e-4),
     };
-    let apart: Vec<Approach> = case().into_iter().map(apart).collect();
+    let apart: Vec<Run> = case().into_iter().map(apart).collect();
     let told = evaluate("X", &apart).unwrap().departures;
     assert!(told.iter().any(|d| d.text.contains("upwards alone") && d.text.contains("the same each way")), "{told:?}");
     assert!(!evaluate("X", &case()).unwrap().departures.iter().any(|d| d.text.contains("alone")));
@@ -94,7 +105,7 @@ fn order_of_the_approaches_does_not_matter() {
 
 #[test]
 fn what_a_whole_test_lacks_is_named() {
-    let few: Vec<Approach> = case().into_iter().filter(|a| a.target_m < 0.35 && a.cycle < 5).collect();
+    let few: Vec<Run> = case().into_iter().filter(|a| a.target_m < 0.35 && a.cycle < 5).collect();
     let told: Vec<String> = evaluate("X", &few).unwrap().departures.iter().map(ToString::to_string).collect();
     assert!(told[0].contains("axis X: 5 targets are asked for on 300 mm, there are 4"), "{told:?}");
     assert!(told[1].contains("4 of 4 targets were approached fewer than 5 times"), "{told:?}");
@@ -103,13 +114,12 @@ fn what_a_whole_test_lacks_is_named() {
 #[test]
 fn on_more_than_two_metres_one_approach_from_each_direction_gives_b_e_and_m() {
     // Every 250 mm or so on 3 m, 2 µm of play, and a scale that is 1 µm/m long.
-    let approach = |k: u32, direction: Direction, cycle: i64| {
+    let of_target = |k: u32, approach: Approach, cycle: i64| {
         let target_m = 0.25 * f64::from(k) + 0.004 * f64::from(k * k % 7);
-        let play_m = if direction == Direction::Up { 1e-6 } else { -1e-6 };
-        Approach { target_m, direction, cycle, deviation_m: 1e-6 * target_m + play_m }
+        run(target_m, approach, cycle, 1e-6 * target_m + 1e-6 * approach.sign())
     };
-    let both = |k: u32| [Direction::Up, Direction::Down].map(|direction| approach(k, direction, 1));
-    let once: Vec<Approach> = (0..=12).flat_map(both).collect();
+    let both = |k: u32| [Approach::Positive, Approach::Negative].map(|approach| of_target(k, approach, 1));
+    let once: Vec<Run> = (0..=12).flat_map(both).collect();
     let found = evaluate("X", &once).unwrap();
     // A micrometre a metre.
     let travel_um = once[24].target_m - once[0].target_m;
@@ -120,24 +130,24 @@ fn on_more_than_two_metres_one_approach_from_each_direction_gives_b_e_and_m() {
     assert_eq!((found.repeatability_m, found.accuracy_m, found.accuracy_up_m), (None, None, None));
     assert!(found.departures.is_empty(), "{:?}", found.departures);
     // Fewer targets are no whole test; a second cycle at some gives no repeatability of all.
-    let few: Vec<Approach> = once.iter().copied().filter(|a| !(0.9..1.3).contains(&a.target_m)).collect();
+    let few: Vec<Run> = once.iter().filter(|a| !(0.9..1.3).contains(&a.target_m)).cloned().collect();
     let told: Vec<String> = evaluate("X", &few).unwrap().departures.iter().map(ToString::to_string).collect();
     assert!(told[0].contains("13 targets are asked for on 3016 mm, there are 11"), "{told:?}");
-    let one_more: Vec<Approach> = once.iter().copied().chain([approach(3, Direction::Up, 2)]).collect();
+    let one_more: Vec<Run> = once.iter().cloned().chain([of_target(3, Approach::Positive, 2)]).collect();
     assert_eq!(evaluate("X", &one_more).unwrap().repeatability_up_m, None);
     // Two metres that begin at 1.4 mm are 4e-16 longer than two, and no longer axis.
-    let two = |target_m: f64| [1, 2].map(|cycle| Approach { target_m, cycle, ..once[0] });
-    let two_metres: Vec<Approach> = [0.0014, 1.0, 2.0014].into_iter().flat_map(two).collect();
+    let two = |target_m: f64| [1, 2].map(|cycle| Run { cycle, ..moved(&once[0], target_m) });
+    let two_metres: Vec<Run> = [0.0014, 1.0, 2.0014].into_iter().flat_map(two).collect();
     let told = evaluate("X", &two_metres).unwrap().departures;
     assert!(told.iter().any(|d| d.text.contains("10 targets are asked for")), "{told:?}");
     // On up to 2 m once is not enough.
-    let short: Vec<Approach> = once.iter().copied().filter(|a| a.target_m < 1.9).collect();
+    let short: Vec<Run> = once.iter().filter(|a| a.target_m < 1.9).cloned().collect();
     assert!(evaluate("X", &short).unwrap_err().to_string().contains("one approach has no scatter"));
 }
 
 #[test]
 fn data_that_are_no_axis_are_refused_with_their_place() {
-    let refused = |spoil: &dyn Fn(&mut Vec<Approach>), says: &str| {
+    let refused = |spoil: &dyn Fn(&mut Vec<Run>), says: &str| {
         let mut spoilt = case();
         spoil(&mut spoilt);
         let told = evaluate("X", &spoilt).unwrap_err().to_string();
@@ -145,11 +155,11 @@ fn data_that_are_no_axis_are_refused_with_their_place() {
     };
     refused(&|a| a.clear(), "no approach");
     refused(&|a| a.retain(|a| a.target_m == 0.0), "one target is no axis");
-    refused(&|a| a[2].deviation_m = f64::NAN, "not a finite number");
+    refused(&|a| a[2].measured_m = f64::NAN, "not a finite number");
     refused(&|a| a[2].target_m = f64::INFINITY, "not a finite number");
-    refused(&|a| a[2].deviation_m = 0.004, "4.000 mm");
+    refused(&|a| a[2].measured_m = a[2].target_m + 0.004, "4.000 mm");
     // Metres where millimetres are to stand.
-    refused(&|a| a.iter_mut().for_each(|a| a.target_m /= 1e3), "the targets span 0.4000 mm");
+    refused(&|a| a.iter_mut().for_each(|a| *a = moved(a, a.target_m / 1e3)), "the targets span 0.4000 mm");
     refused(&|a| a[2].cycle = 1, "stands twice");
     refused(&|a| a.retain(|a| a.target_m > 0.05 || a.cycle == 1), "one approach has no scatter");
 }
@@ -158,7 +168,7 @@ fn data_that_are_no_axis_are_refused_with_their_place() {
 fn regress_equal_steps_are_no_whole_test() {
     let said = |step_m: &dyn Fn(usize) -> f64| {
         let mut approaches = case();
-        approaches.iter_mut().for_each(|a| a.target_m = step_m((a.target_m / 0.1).round() as usize));
+        approaches.iter_mut().for_each(|a| *a = moved(a, step_m((a.target_m / 0.1).round() as usize)));
         evaluate("X", &approaches).unwrap().departures.iter().map(ToString::to_string).collect::<String>()
     };
     assert!(said(&|k| 0.1 * k as f64).contains("equal steps of 100.000 mm"));

@@ -7,9 +7,9 @@ use crate::pipeline::software;
 use crate::provenance::made_from;
 use abbe_conformity::Departure;
 use abbe_conformity::diagonals::{self, DiagonalFigures, DiagonalKind};
-use abbe_conformity::positioning::{self, AxisFigures, Direction};
-use abbe_diagnose::study::runs::{Approach, Run};
+use abbe_conformity::positioning::{self, AxisFigures};
 use abbe_files::{hex, read_runs_file};
+use abbe_measurement::positioning::Run;
 use abbe_report::{Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, digits};
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -23,16 +23,19 @@ const DIAGONALS: &str = "ISO 230-6";
 const FIGURES: [&str; 13] =
     ["A", "A_up", "A_down", "R", "R_up", "R_down", "B", "B_mean", "E", "E_up", "E_down", "M", "targets"];
 
+/// Runs by the name of their axis, or diagonal.
+type ByAxis<'a> = BTreeMap<String, Vec<&'a Run>>;
+
 /// Figures of runs.
 pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
     let file = read_runs_file(path)?;
-    let (mut axes, mut along): (BTreeMap<String, Vec<_>>, BTreeMap<String, Vec<_>>) = Default::default();
+    let (mut axes, mut along): (ByAxis, ByAxis) = Default::default();
     for run in &file.rows {
         let group = if DiagonalKind::of(&run.axis).is_some() { &mut along } else { &mut axes };
-        group.entry(run.axis.clone()).or_default().push(approach(run));
+        group.entry(run.axis.clone()).or_default().push(run);
     }
     one_name_each(axes.keys().chain(along.keys())).with_context(|| path.display().to_string())?;
-    let evaluate = |(axis, list): (&String, &Vec<positioning::Approach>)| positioning::evaluate(axis, list);
+    let evaluate = |(axis, list): (&String, &Vec<&Run>)| positioning::evaluate(axis, list);
     let axes: Vec<AxisFigures> =
         axes.iter().map(evaluate).collect::<Result<Vec<_>, _>>().with_context(|| path.display().to_string())?;
     let diagonals = (!along.is_empty())
@@ -62,18 +65,6 @@ fn one_name_each<'a>(names: impl Iterator<Item = &'a String>) -> anyhow::Result<
         }
     }
     Ok(())
-}
-
-fn approach(run: &Run) -> positioning::Approach {
-    positioning::Approach {
-        target_m: run.target_m,
-        direction: match run.approach {
-            Approach::Positive => Direction::Up,
-            Approach::Negative => Direction::Down,
-        },
-        cycle: run.cycle,
-        deviation_m: run.error_m(),
-    }
 }
 
 /// In the order of [`FIGURES`], m, without the count.

@@ -18,7 +18,7 @@ pub(super) fn sections(rows: &[ResidualVector], diagnosis: &StudyDiagnosis) -> V
 
 /// The vectors in the volume; none where their points lie in a plane or a part of them is not known.
 fn space(rows: &[ResidualVector]) -> Option<Section> {
-    if rows.iter().any(|row| row.position_lacks.is_some() || row.residual_lacks.contains(&true)) {
+    if rows.iter().any(|row| row.position_lacks.contains(&true) || row.residual_lacks.contains(&true)) {
         return None;
     }
     let end = |pick: fn(f64, f64) -> f64, axis: usize| rows.iter().map(|row| row.position_m[axis] * 1e3).reduce(pick);
@@ -95,7 +95,7 @@ fn panel(rows: &[ResidualVector], name: &str) -> Option<LinePanel> {
 /// A quantity of a row in the unit of its label.
 fn value(row: &ResidualVector, name: &str) -> Option<f64> {
     let position = |axis: usize| {
-        let is_known = row.position_lacks.is_none_or(|lacking| lacking.index() != axis);
+        let is_known = !row.position_lacks[axis];
         is_known.then(|| row.position_m[axis] * 1e3)
     };
     match name {

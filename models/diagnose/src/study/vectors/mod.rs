@@ -31,41 +31,13 @@ use super::outcome::StudyDiagnosis;
 use super::search::{Observe, StudyOptions};
 use crate::error::DiagnoseError;
 use crate::logs::mended_rows;
-use abbe_geometry::Axis;
 use abbe_geometry::machine::Machine;
+pub use abbe_measurement::residual_vector::ResidualVector;
 use problem::Vectors;
-use std::collections::BTreeMap;
 use turned::Turned;
 
 /// What a diagnosis of vectors is of; its rows are components, of which a vector has three.
 pub const OF: &str = "residual vectors";
-
-/// One residual.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ResidualVector {
-    /// Indicated position (m, machine frame).
-    pub position_m: [f64; 3],
-    /// Actual less predicted (m).
-    pub residual_m: [f64; 3],
-    /// Standard uncertainty (k = 1) of each component (m).
-    pub u_m: Option<[f64; 3]>,
-    /// Time (s).
-    pub time_s: Option<f64>,
-    /// Name of what was measured together.
-    pub block: Option<String>,
-    /// Joints and further logged quantities by name, in the unit of their name.
-    pub covariates: BTreeMap<String, f64>,
-    /// Placing of a plate on the table in which it was measured; where it lay is unknown.
-    pub pose: Option<String>,
-    /// Name of the point on the plate: the same in all poses.
-    pub point: Option<String>,
-    /// Standard uncertainty (k = 1) of the plate's calibrated coordinates there (m).
-    pub u_plate_m: Option<f64>,
-    /// Axis whose position nobody gave; the figure there means nothing.
-    pub position_lacks: Option<Axis>,
-    /// Components of the residual that nobody measured; the figures there mean nothing.
-    pub residual_lacks: [bool; 3],
-}
 
 /// Diagnoses residual vectors; `machine` names the chain behind the positions, its default offset that of the tip.
 ///

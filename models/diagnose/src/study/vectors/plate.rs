@@ -53,7 +53,7 @@ impl Poses {
             let sum = members.iter().map(|k| Vector3::from(vectors[*k].position_m)).sum::<Vector3<f64>>();
             let spans = |axis: Axis| {
                 let along: Vec<f64> = members.iter().map(|k| vectors[*k].position_m[axis.index()]).collect();
-                vectors[0].position_lacks != Some(axis) && range(&along).is_some()
+                !vectors[0].position_lacks[axis.index()] && range(&along).is_some()
             };
             let (centre_m, spanned) = (sum / members.len() as f64, Axis::ALL.map(spans));
             Pose { name: name.cloned(), centre_m, spanned, members }

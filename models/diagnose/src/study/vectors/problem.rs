@@ -476,7 +476,7 @@ impl Study for Vectors<'_> {
     }
 
     fn model_terms(&self, candidate: usize) -> Result<Vec<ModelTerm>, String> {
-        if let Some(axis) = self.vectors[0].position_lacks {
+        if let Some(axis) = self.lacking_axis() {
             return Err(format!("where the plane lies along {} is unknown; give its positions", axis.letter()));
         }
         let term = match &self.parts[candidate] {
@@ -519,7 +519,7 @@ impl Study for Vectors<'_> {
     fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
         let offset_m = self.offset_m();
         [0, 1, 2].map(|d| {
-            if self.vectors[0].position_lacks == Some(Axis::ALL[d]) {
+            if self.vectors[0].position_lacks[d] {
                 return None;
             }
             let along = || self.vectors.iter().map(|vector| vector.position_m[d] - offset_m[d]);

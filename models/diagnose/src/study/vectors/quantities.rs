@@ -38,7 +38,7 @@ pub(super) fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Unte
         };
         untestable.push(Untestable { name: format!("dependence on {name}"), needs });
     };
-    for axis in Axis::ALL.into_iter().filter(|axis| vectors[0].position_lacks != Some(*axis)) {
+    for axis in Axis::ALL.into_iter().filter(|axis| !vectors[0].position_lacks[axis.index()]) {
         add(POSITION[axis.index()], vectors.iter().map(|v| Some(v.position_m[axis.index()])).collect());
     }
     add(TIME, vectors.iter().map(|vector| vector.time_s).collect());

@@ -87,13 +87,18 @@ impl Vectors<'_> {
         }
     }
 
+    /// Axis whose position nobody gave.
+    pub(super) fn lacking_axis(&self) -> Option<Axis> {
+        Axis::ALL.into_iter().find(|axis| self.vectors[0].position_lacks[axis.index()])
+    }
+
     pub(super) fn add_plate_notes(&mut self) {
         if !self.poses.is_plate() {
             return;
         }
         let needs = "a plate whose place on the machine is known: its shift and turn are fitted";
         self.untestable.push(Untestable { name: "a shift or turn of the whole".to_owned(), needs: needs.to_owned() });
-        if let Some(axis) = self.vectors[0].position_lacks {
+        if let Some(axis) = self.lacking_axis() {
             self.notes.push(format!("Positions have no {}: they were taken to lie in one plane.", axis.lower()));
         }
     }
