@@ -4,7 +4,8 @@ use crate::common;
 use std::path::{Path, PathBuf};
 
 use abbe_msgs::bag::{self, BagError, BagMessage, BagWriter, Qos, Recovery};
-use abbe_msgs::{Message, RosType, ScaleReading, TracerReading, cdr, standard::PointStamped};
+use abbe_msgs::standard::PointStamped;
+use abbe_msgs::{CorrectedCoordinates, Message, RosType, ScaleReading, TracerReading, cdr, type_description};
 use tempfile::TempDir;
 
 /// Writes `rounds` rounds of four messages and returns their topics, times and bytes.
@@ -298,6 +299,8 @@ fn recovery_keeps_schemas_and_quality_of_service() {
     let (before, after) = (read_all(&path).unwrap(), read_all(&again).unwrap());
     assert_eq!(before[0].channel(), after[0].channel());
     assert!(after[0].channel().offered_qos_profiles.contains("durability: 1"));
+    let hash = type_description::hash(CorrectedCoordinates::ROS_TYPE).unwrap();
+    assert!(hash.starts_with("RIHS01_") && after[0].channel().type_hash == hash, "{:?}", after[0].channel());
     assert!(std::fs::read(&path).unwrap() == std::fs::read(&again).unwrap());
 }
 

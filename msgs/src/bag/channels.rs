@@ -12,6 +12,7 @@ use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record};
 
 use super::BagError;
+use super::definitions::{QOS, TYPE_HASH};
 
 /// A topic of a bag.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -26,6 +27,8 @@ pub struct BagChannel {
     pub schema: Vec<u8>,
     /// Quality of service, as YAML; empty when the bag does not say.
     pub offered_qos_profiles: String,
+    /// RIHS01 hash of the type; empty when the bag does not say.
+    pub type_hash: String,
 }
 
 /// Why a message has no topic.
@@ -86,13 +89,14 @@ impl Channels {
         let Some(schema) = &found.schema else {
             return Err(unusable("has no schema, so its type is unknown".to_owned()));
         };
-        let qos = found.metadata.get("offered_qos_profiles");
+        let said = |key: &str| found.metadata.get(key).cloned().unwrap_or_default();
         let channel = Arc::new(BagChannel {
             topic: found.topic.clone(),
             ros_type: schema.name.clone(),
             schema_encoding: schema.encoding.clone(),
             schema: schema.data.to_vec(),
-            offered_qos_profiles: qos.cloned().unwrap_or_default(),
+            offered_qos_profiles: said(QOS),
+            type_hash: said(TYPE_HASH),
         });
         self.used.insert(id, Arc::clone(&channel));
         Ok(channel)

@@ -11,6 +11,10 @@ use mcap::records::{Channel, Metadata, Record, SchemaHeader};
 
 /// Name of the metadata records.
 const NAME: &str = "abbe.channel";
+/// Key of the quality of service in the record of a channel.
+pub(super) const QOS: &str = "offered_qos_profiles";
+/// Key of the hash of the type there.
+pub(super) const TYPE_HASH: &str = "topic_type_hash";
 
 /// A topic as its file defines it.
 pub(super) struct Definition<'a> {
@@ -21,6 +25,7 @@ pub(super) struct Definition<'a> {
     pub(super) schema_encoding: &'a str,
     pub(super) schema: &'a [u8],
     pub(super) qos_yaml: &'a str,
+    pub(super) type_hash: &'a str,
 }
 
 impl Definition<'_> {
@@ -34,11 +39,17 @@ impl Definition<'_> {
             ("schema_id", self.schema_id.to_string()),
             ("topic", self.topic.to_owned()),
             ("type", self.ros_type.to_owned()),
+            ("type_hash", self.type_hash.to_owned()),
         ];
         let mut metadata: BTreeMap<String, String> = texts.map(|(key, text)| (key.to_owned(), text)).into();
         metadata.insert("crc32".to_owned(), crc32(&metadata));
         Some(Metadata { name: NAME.to_owned(), metadata })
     }
+}
+
+/// What rosbag2 says of a topic beside its name and type.
+pub(super) fn channel_metadata(qos_yaml: &str, type_hash: &str) -> BTreeMap<String, String> {
+    BTreeMap::from([(QOS.to_owned(), qos_yaml.to_owned()), (TYPE_HASH.to_owned(), type_hash.to_owned())])
 }
 
 /// The schema and channel records that such a metadata record stands for; nothing where it is another
@@ -52,7 +63,8 @@ pub(super) fn of_metadata(mut record: Metadata) -> Option<[Record<'static>; 2]> 
     let (id, schema_id) = (take("channel_id")?.parse().ok()?, take("schema_id")?.parse().ok()?);
     let header = SchemaHeader { id: schema_id, name: take("type")?, encoding: take("schema_encoding")? };
     let schema = Record::Schema { header, data: Cow::Owned(take("schema")?.into_bytes()) };
-    let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), take("qos")?)]);
+    // Bags of before have none.
+    let metadata = channel_metadata(&take("qos")?, &take("type_hash").unwrap_or_default());
     let channel = Channel { id, schema_id, topic: take("topic")?, message_encoding: "cdr".to_owned(), metadata };
     Some([schema, Record::Channel(channel)])
 }

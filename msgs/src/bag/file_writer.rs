@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use mcap::records::MessageHeader;
 
 use super::BagError;
-use super::definitions::Definition;
+use super::definitions::{Definition, channel_metadata};
 use super::metadata::{FileSummary, Metadata, TopicSummary};
 
 /// Uncompressed size at which a chunk is closed.
@@ -102,6 +102,7 @@ impl FileWriter {
             schema_encoding,
             schema,
             qos_yaml: &summary.qos_yaml,
+            type_hash: &summary.type_hash,
         };
         self.define(&definition).map_err(BagError::write(&self.path))?;
         if schema_place == self.schemas.len() {
@@ -117,9 +118,9 @@ impl FileWriter {
         if let Some(copy) = definition.to_metadata() {
             self.mcap.write_metadata(&copy)?;
         }
-        let Definition { schema_id, channel_id, topic, ros_type, schema_encoding, schema, qos_yaml } = *definition;
+        let Definition { schema_id, channel_id, topic, ros_type, schema_encoding, schema, .. } = *definition;
         self.mcap.add_schema_with_id(schema_id, ros_type, schema_encoding, schema)?;
-        let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), qos_yaml.to_owned())]);
+        let metadata = channel_metadata(definition.qos_yaml, definition.type_hash);
         self.mcap.add_channel_with_id(channel_id, schema_id, topic, "cdr", &metadata)?;
         Ok(())
     }

@@ -26,6 +26,8 @@ pub(super) struct TopicSummary {
     pub(super) topic: String,
     pub(super) ros_type: String,
     pub(super) qos_yaml: String,
+    /// RIHS01 hash of the type; empty where nobody knows it.
+    pub(super) type_hash: String,
     pub(super) messages: u64,
 }
 
@@ -90,10 +92,11 @@ impl Metadata<'_> {
                 body,
                 "  - topic_metadata:\n      name: {}\n      type: {}\n      \
                  serialization_format: cdr\n      offered_qos_profiles: {}\n      \
-                 type_description_hash: \"\"\n    message_count: {}\n",
+                 type_description_hash: {}\n    message_count: {}\n",
                 quoted(&topic.topic),
                 quoted(&topic.ros_type),
                 topic.qos_value(version),
+                quoted(&topic.type_hash),
                 topic.messages
             );
         }
@@ -335,6 +338,7 @@ mod tests {
                 topic: topic.to_owned(),
                 ros_type: "abbe_msgs/msg/ScaleReading".to_owned(),
                 qos_yaml: super::super::Qos::STREAM.to_yaml(),
+                type_hash: String::new(),
                 messages: 3,
             }],
         };

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use super::file_writer::FileWriter;
 use super::metadata::{self, FileSummary, Metadata, TopicSummary};
 use super::{BagError, BagMessage, Qos};
-use crate::{Message, RosType, cdr, definition};
+use crate::{Message, RosType, cdr, definition, type_description};
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -115,6 +115,7 @@ impl BagWriter {
                     topic: topic.to_owned(),
                     ros_type: ros_type.to_owned(),
                     qos_yaml: qos.to_yaml(),
+                    type_hash: type_description::hash(ros_type).unwrap_or_default(),
                     messages: 0,
                 };
                 self.add_topic(summary, "ros2msg", schema.as_bytes())?
@@ -123,8 +124,8 @@ impl BagWriter {
         self.file.write(index, cdr, log_time_ns)
     }
 
-    /// Writes a message that was read from another bag, with the schema and quality of service it
-    /// had there.
+    /// Writes a message that was read from another bag, with the schema, quality of service and
+    /// hash of the type it had there.
     ///
     /// # Errors
     /// When the topic carries another type, or writing fails.
@@ -137,6 +138,7 @@ impl BagWriter {
                     topic: channel.topic.clone(),
                     ros_type: channel.ros_type.clone(),
                     qos_yaml: channel.offered_qos_profiles.clone(),
+                    type_hash: channel.type_hash.clone(),
                     messages: 0,
                 };
                 self.add_topic(summary, &channel.schema_encoding, &channel.schema)?
