@@ -160,9 +160,7 @@ fn document(
         unfinished.map(|paper| NotComputed { paper, reason: "stopped before it was done".to_owned() }).collect();
     for (paper, result) in results {
         match result {
-            Ok(figures) => {
-                document.figures.extend(figures.into_iter().map(|figure| row(paper, figure, settings.effort)))
-            }
+            Ok(figures) => document.figures.extend(figures.into_iter().map(|figure| row(paper, figure))),
             Err(error) => document.not_computed.push(NotComputed { paper, reason: error.to_string() }),
         }
     }
@@ -170,15 +168,15 @@ fn document(
     document
 }
 
-fn row(paper: &'static str, figure: Figure, effort: f64) -> Row {
+fn row(paper: &'static str, figure: Figure) -> Row {
     let Figure { place, what, published, reproduced, how, verdict, reason } = figure;
-    Row { paper, place: place.to_owned(), what, published, reproduced, how, verdict: word(verdict, effort), reason }
+    Row { paper, place: place.to_owned(), what, published, reproduced, how, verdict: word(verdict), reason }
 }
 
-/// A verdict in words; a part of the runs is a quick look and gives none.
-fn word(verdict: Verdict, effort: f64) -> &'static str {
+/// A verdict in words.
+fn word(verdict: Verdict) -> &'static str {
     match verdict {
-        _ if effort < 1.0 => NOT_JUDGED,
+        Verdict::NotJudged => NOT_JUDGED,
         Verdict::Reproduced => "reproduced",
         Verdict::Better => "better",
         Verdict::DoesNotFollow => "does not follow from the published data",
@@ -216,7 +214,7 @@ fn next(document: &Document) -> Next {
 }
 
 fn report(document: &Document) -> Report {
-    let mut sections = vec![answer(document)];
+    let mut sections = answer(document);
     sections.extend(document.not_computed.iter().map(missing));
     sections.extend(PAPERS.iter().filter_map(|paper| table(paper.name, document)));
     Report {
@@ -235,11 +233,12 @@ fn report(document: &Document) -> Report {
     }
 }
 
-/// Why nothing is judged; `None` where all runs were made.
+/// Why some figures are not judged; `None` where all are.
 fn part_of_the_runs(document: &Document) -> Option<String> {
-    (document.effort < 1.0).then(|| {
+    document.figures.iter().any(|row| row.verdict == NOT_JUDGED).then(|| {
         format!(
-            "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published.",
+            "Those not judged are of random runs, of which {:.0} % were made: enough to see that it works, not to compare with what was \
+             published.",
             document.effort * 100.0
         )
     })
@@ -258,30 +257,29 @@ fn counts(document: &Document) -> Vec<(String, usize)> {
     counts
 }
 
-/// The same on a terminal; with a share of the runs nothing is judged.
+/// The same on a terminal, and why some are not judged.
 fn answer_in_words(document: &Document) -> String {
-    let counted = || {
-        let each = counts(document).into_iter().map(|(verdict, count)| format!("{count} {verdict}"));
-        format!("Of {} figures: {}.", document.figures.len(), each.collect::<Vec<_>>().join(", "))
-    };
-    part_of_the_runs(document).unwrap_or_else(counted) + "\n"
+    let each = counts(document).into_iter().map(|(verdict, count)| format!("{count} {verdict}"));
+    let counted = format!("Of {} figures: {}.", document.figures.len(), each.collect::<Vec<_>>().join(", "));
+    [Some(counted), part_of_the_runs(document)].into_iter().flatten().map(|line| line + "\n").collect()
 }
 
 /// The same on the page.
-fn answer(document: &Document) -> Section {
-    if let Some(text) = part_of_the_runs(document) {
-        return Section::Callout(Callout { tone: Tone::Warning, title: "Not judged".to_owned(), text });
-    }
+fn answer(document: &Document) -> Vec<Section> {
     let figure = |(label, count): (String, usize)| KeyFigure {
         label,
         value: Some(Quantity::new(count as f64, 0)),
         detail: Some(format!("of {} figures", document.figures.len())),
         ..KeyFigure::default()
     };
-    Section::KeyFigures(KeyFigures {
-        title: "Verdicts".to_owned(),
-        figures: counts(document).into_iter().map(figure).collect(),
-    })
+    let counted =
+        KeyFigures { title: "Verdicts".to_owned(), figures: counts(document).into_iter().map(figure).collect() };
+    let not_judged = part_of_the_runs(document).map(|text| Callout {
+        tone: Tone::Warning,
+        title: "A part of the runs".to_owned(),
+        text,
+    });
+    std::iter::once(Section::KeyFigures(counted)).chain(not_judged.map(Section::Callout)).collect()
 }
 
 fn missing(missing: &NotComputed) -> Section {
@@ -368,20 +366,26 @@ mod tests {
         document(&chosen(&[]).unwrap(), Settings { seed: 1, effort: 1.0 }, results)
     }
 
-    /// Page and terminal said "not judged", and figures.json "reproduced".
+    /// At low effort nothing was judged, not even figures of the papers' own data.
     #[test]
-    fn regress_a_part_of_the_runs_is_judged_on_no_page_no_terminal_and_in_no_json() {
-        for (effort, verdict, other) in [(1.0, "better", NOT_JUDGED), (0.02, NOT_JUDGED, "better")] {
-            let results = vec![("Chen 2020", Ok(vec![figure(Some("0.2"))]))];
-            let made = document(&chosen(&[]).unwrap(), Settings { seed: 1, effort }, results);
-            let page = report(&made).html().unwrap();
-            let page = page.split("<main>").nth(1).unwrap().split("</main>").next().unwrap();
-            let json = to_json("papers", &made).unwrap();
-            for said in [page, &words(&made), &json].map(str::to_lowercase) {
-                assert!(said.contains(verdict) && !said.contains(other), "{effort}: {said}");
-            }
-            assert!(json.contains(&format!("\"verdict\": \"{verdict}\"")), "{json}");
+    fn regress_a_part_of_the_runs_judges_what_needs_none_and_nothing_else() {
+        let settings = Settings { seed: 1, effort: 0.02 };
+        let of_data = Figure { verdict: Verdict::DoesNotFollow, ..figure(Some("0.2")) };
+        let results = vec![("Chen 2020", Ok(vec![of_data, settings.of_runs(figure(Some("0.2")))]))];
+        let made = document(&chosen(&[]).unwrap(), settings, results);
+        let page = report(&made).html().unwrap();
+        let page = page.split("<main>").nth(1).unwrap().split("</main>").next().unwrap();
+        let json = to_json("papers", &made).unwrap();
+        for said in [page, &words(&made), &json].map(str::to_lowercase) {
+            assert!(
+                said.contains(NOT_JUDGED) && said.contains("does not follow") && !said.contains("better"),
+                "{said}"
+            );
         }
+        assert!(words(&made).starts_with("Of 2 figures: 1 does not follow from the published data, 1 not judged."));
+        let whole = Settings { seed: 1, effort: 1.0 };
+        let made = document(&chosen(&[]).unwrap(), whole, vec![("Chen 2020", Ok(vec![whole.of_runs(figure(None))]))]);
+        assert!(words(&made).contains("BETTER") && !words(&made).to_lowercase().contains(NOT_JUDGED));
     }
 
     #[test]

@@ -18,6 +18,15 @@ impl Settings {
     pub fn runs(&self, full: usize, least: usize) -> usize {
         ((full as f64 * self.effort).round() as usize).clamp(least.min(full), full)
     }
+
+    /// A figure of random runs: a part of them shows that it works, and judges nothing. Figures of the paper's own data, or of one
+    /// computation, are what they are at any effort.
+    pub fn of_runs(&self, figure: Figure) -> Figure {
+        match self.effort < 1.0 {
+            true => Figure { verdict: Verdict::NotJudged, ..figure },
+            false => figure,
+        }
+    }
 }
 
 /// What can be said of a published figure.
@@ -31,6 +40,8 @@ pub enum Verdict {
     DoesNotFollow,
     /// The data behind it are not published; the claim was tested on a simulation of the set-up.
     NotPublished,
+    /// A figure of random runs, of which only a part was made.
+    NotJudged,
 }
 
 /// One published figure.

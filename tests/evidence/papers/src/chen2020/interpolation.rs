@@ -104,10 +104,11 @@ pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     let mut all = vec![noise_floor(&noise_m), ranges()];
     let outcomes = CONDITIONS.iter().map(|condition| simulate(condition, settings.seed, fields, &noise_m));
     let outcomes = outcomes.collect::<Result<Vec<_>, _>>()?;
-    if let Some(typical) = outcomes.first() {
-        all.extend((0..NAMES.len()).filter_map(|method| as_published(method, typical, fields)));
-    }
-    all.extend(CONDITIONS.iter().zip(&outcomes).map(|(condition, outcome)| ranking(condition, outcome, fields)));
+    let typical = outcomes.first().into_iter();
+    let methods =
+        typical.flat_map(|typical| (0..NAMES.len()).filter_map(|method| as_published(method, typical, fields)));
+    let rankings = CONDITIONS.iter().zip(&outcomes).map(|(condition, outcome)| ranking(condition, outcome, fields));
+    all.extend(methods.chain(rankings).map(|figure| settings.of_runs(figure)));
     Ok(all)
 }
 

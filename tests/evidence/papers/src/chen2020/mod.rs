@@ -39,8 +39,15 @@ mod tests {
         assert!(all.iter().all(|figure| !figure.reproduced.contains("NaN") && !figure.reproduced.contains("inf")));
         let verdict = |what: &str| all.iter().find(|figure| figure.what.contains(what)).map(|figure| figure.verdict);
         assert_eq!(verdict("without errors of machine"), Some(Verdict::Reproduced));
-        // On smooth fields the ranking of the paper turns round, whatever the seed.
-        assert_eq!(verdict("typical machine, no noise"), Some(Verdict::DoesNotFollow));
+        // On smooth fields the ranking of the paper turns round, whatever the seed; a part of the runs says so and judges nothing.
+        assert_eq!(verdict("typical machine, no noise"), Some(Verdict::NotJudged));
+        let reason =
+            |what: &str| all.iter().find(|figure| figure.what.contains(what)).map(|figure| figure.reason.as_str());
+        assert!(
+            reason("typical machine, no noise").unwrap().contains("less on 0 of"),
+            "{:?}",
+            reason("typical machine")
+        );
         assert_eq!(all.iter().filter(|figure| figure.place == "Table 3").count(), 8);
     }
 }

@@ -35,15 +35,17 @@ const PUBLISHED_UM: [(Route, &str); 3] =
 
 /// All figures of the paper.
 pub(crate) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
-    let mut figures = vec![rank_defect(settings)?, seventeen(settings)?, coplanar(settings)?];
+    let mut of_runs = vec![coplanar(settings)?];
     let runs = runs(settings)?;
-    figures.push(largest_error(&runs));
-    figures.push(positioning(&runs));
+    of_runs.push(largest_error(&runs));
+    of_runs.push(positioning(&runs));
     for (machine, _) in MACHINES {
-        figures.extend(PUBLISHED_UM.map(|(route, published)| fig_10(&runs, machine, route, published)));
-        figures.push(ranking(&runs, machine));
+        of_runs.extend(PUBLISHED_UM.map(|(route, published)| fig_10(&runs, machine, route, published)));
+        of_runs.push(ranking(&runs, machine));
     }
-    figures.push(diagonals::figure(&runs));
+    of_runs.push(diagonals::figure(&runs));
+    let mut figures = vec![rank_defect(settings)?, seventeen(settings)?];
+    figures.extend(of_runs.into_iter().map(|figure| settings.of_runs(figure)));
     Ok(figures)
 }
 

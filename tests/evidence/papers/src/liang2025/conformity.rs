@@ -50,7 +50,7 @@ pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     let mut figures = lengths(&errors).map_err(failed)?;
     figures.push(requirement(&errors));
     figures.extend(sphere());
-    figures.extend(before_and_after(settings)?);
+    figures.extend(before_and_after(settings)?.map(|figure| settings.of_runs(figure)));
     Ok(figures)
 }
 

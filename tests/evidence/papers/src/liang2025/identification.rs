@@ -35,11 +35,13 @@ const CHECKS: usize = 4;
 
 /// The figures of the identification.
 pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
-    let mut figures = vec![parameters(settings)?, same_minimum(settings)?];
+    let mut of_runs = vec![same_minimum(settings)?];
     for (share, together) in SHIFTS {
-        figures.push(gross_errors(settings, Shifted { share, by_m: SHIFT_M, together })?);
+        of_runs.push(gross_errors(settings, Shifted { share, by_m: SHIFT_M, together })?);
     }
-    figures.push(largest_residual(settings)?);
+    of_runs.push(largest_residual(settings)?);
+    let mut figures = vec![parameters(settings)?];
+    figures.extend(of_runs.into_iter().map(|figure| settings.of_runs(figure)));
     Ok(figures)
 }
 

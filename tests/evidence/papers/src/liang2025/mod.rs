@@ -13,7 +13,7 @@ use crate::figure::{Figure, PaperError, Settings};
 /// All figures of the paper.
 pub(crate) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     let mut figures = identification::figures(settings)?;
-    figures.extend(table::figures(settings)?);
+    figures.extend(table::figures(settings)?.into_iter().map(|figure| settings.of_runs(figure)));
     figures.extend(conformity::figures(settings)?);
     Ok(figures)
 }

@@ -14,6 +14,6 @@ const PAPER: &str = "Zhang 2011";
 /// All figures of the paper.
 pub(crate) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     let mut figures = arrangement::figures()?;
-    figures.extend(yaw::figures(settings)?);
+    figures.extend(yaw::figures(settings)?.into_iter().map(|figure| settings.of_runs(figure)));
     Ok(figures)
 }

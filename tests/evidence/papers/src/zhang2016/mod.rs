@@ -21,7 +21,7 @@ pub(crate) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     figures.push(search::figure()?);
     figures.extend(head_error::figures());
     figures.extend(judged::figures()?);
-    figures.extend(scan::figures(settings)?);
+    figures.extend(scan::figures(settings)?.into_iter().map(|figure| settings.of_runs(figure)));
     Ok(figures)
 }
 
