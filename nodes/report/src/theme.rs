@@ -50,9 +50,15 @@ const DIVERGING: [[[u8; 3]; 5]; 2] = [
     [[5, 65, 140], [86, 152, 205], [226, 228, 230], [226, 132, 92], [160, 22, 30]],
     [[110, 185, 255], [60, 120, 175], [58, 64, 70], [190, 100, 62], [255, 150, 120]],
 ];
-/// Anchors of the sequential map: small to large.
-const SEQUENTIAL: [[[u8; 3]; 3]; 2] =
-    [[[238, 243, 248], [118, 169, 209], [8, 62, 118]], [[32, 40, 48], [46, 104, 150], [150, 210, 255]]];
+/// Anchors of a sequential map: small to large, light and dark.
+type Sequential = [[[u8; 3]; 3]; 2];
+/// Sequential maps by the letter of their classes: of the state after and of none, before, between. Each goes to the colour of
+/// its state, so that a map before a correction looks like no map after it.
+const SEQUENTIAL: [(&str, Sequential); 3] = [
+    ("", [[[238, 243, 248], [118, 169, 209], [8, 62, 118]], [[32, 40, 48], [46, 104, 150], [150, 210, 255]]]),
+    ("B", [[[250, 242, 234], [230, 158, 94], [134, 56, 0]], [[46, 38, 30], [166, 96, 40], [255, 200, 150]]]),
+    ("M", [[[248, 240, 246], [204, 142, 184], [100, 30, 78]], [[44, 35, 41], [148, 84, 125], [246, 194, 226]]]),
+];
 
 /// Which of the two colour sets.
 #[derive(Clone, Copy)]
@@ -84,13 +90,19 @@ fn tokens(mode: Mode) -> Vec<(String, String)> {
         .collect();
     let diverging = &DIVERGING[mode.index()];
     all.extend((0..DIVERGING_STEPS).map(|i| (format!("d{i}"), interpolate(diverging, i, DIVERGING_STEPS))));
-    let sequential = &SEQUENTIAL[mode.index()];
-    for i in 0..SEQUENTIAL_STEPS {
-        let cell = interpolate(sequential, i, SEQUENTIAL_STEPS);
-        all.push((format!("t{i}"), readable_on(&cell).to_owned()));
-        all.push((format!("q{i}"), cell));
+    for (letter, map) in &SEQUENTIAL {
+        for i in 0..SEQUENTIAL_STEPS {
+            let cell = interpolate(&map[mode.index()], i, SEQUENTIAL_STEPS);
+            all.push((format!("t{letter}{i}"), readable_on(&cell).to_owned()));
+            all.push((format!("q{letter}{i}"), cell));
+        }
     }
     all
+}
+
+/// Every step of every sequential map.
+fn steps() -> impl Iterator<Item = (&'static str, usize)> {
+    SEQUENTIAL.iter().flat_map(|(letter, _)| (0..SEQUENTIAL_STEPS).map(move |i| (*letter, i)))
 }
 
 /// Colour of a text on a cell of this colour: that of the two with the higher contrast.
@@ -138,8 +150,9 @@ fn figure_rules() -> String {
     for i in 0..DIVERGING_STEPS {
         let _ = writeln!(css, ".d{i}{{stroke:var(--d{i})}}.e{i}{{fill:var(--d{i})}}");
     }
-    for i in 0..SEQUENTIAL_STEPS {
-        let _ = writeln!(css, ".q{i}{{fill:var(--q{i})}}.r{i}{{stroke:var(--q{i})}}.t{i}{{fill:var(--t{i})}}");
+    for (letter, i) in steps() {
+        let step = format!("{letter}{i}");
+        let _ = writeln!(css, ".q{step}{{fill:var(--q{step})}}.t{step}{{fill:var(--t{step})}}");
     }
     css
 }
@@ -210,8 +223,8 @@ mod tests {
         assert!((contrast("#ffffff", "#000000") - 21.0).abs() < 1e-12 && contrast("#123456", "#123456") == 1.0);
         for mode in [Mode::Light, Mode::Dark] {
             let all: std::collections::BTreeMap<String, String> = tokens(mode).into_iter().collect();
-            for i in 0..SEQUENTIAL_STEPS {
-                let (cell, text) = (&all[&format!("q{i}")], &all[&format!("t{i}")]);
+            for (letter, i) in steps() {
+                let (cell, text) = (&all[&format!("q{letter}{i}")], &all[&format!("t{letter}{i}")]);
                 assert!(contrast(cell, text) >= 4.5, "{text} on {cell}: {}", contrast(cell, text));
             }
         }

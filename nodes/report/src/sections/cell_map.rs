@@ -107,6 +107,11 @@ impl CellMap {
 }
 
 impl CellPanel {
+    /// Letter of the colour map: that of the state, and where there is none the one of the state after.
+    fn colour_map(&self) -> &'static str {
+        self.state.filter(|state| *state != State::After).map_or("", State::class)
+    }
+
     /// Where a cell lies, in words.
     fn place(&self, i: usize, j: usize) -> String {
         let along = |axis: &Axis, edges: &[f64], k: usize| {
@@ -136,7 +141,8 @@ impl CellPanel {
             let right_bottom = (x.map(self.x_edges[i + 1]), y.map(self.y_edges[j]));
             let size = (right_bottom.0 - left_top.0, right_bottom.1 - left_top.1);
             let step = value.map(|v| ((v / top * SEQUENTIAL_STEPS as f64) as usize).min(SEQUENTIAL_STEPS - 1));
-            let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
+            let step = step.map(|step| format!("{}{step}", self.colour_map()));
+            let class = step.as_ref().map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
             let tip = value.map(|v| format!("{}: {} {unit}", self.place(i, j), fixed(v, wanted)));
             svg.rect(&class, left_top, size, tip.as_deref());
             let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, decimals));
@@ -206,6 +212,11 @@ mod tests {
         let body = map.draw().unwrap().body;
         assert!(body.contains("<title>X 0 … 1 mm, Y 0 … 1 mm: 40.1 µm</title>"));
         assert!(body.starts_with("<g class=\"pA\">"), "the switch before/after leaves it: {body}");
+        // Maps before a correction were as blue as those after it.
+        let before = CellMap { panels: vec![CellPanel { state: Some(State::Before), ..map.panels[0].clone() }], ..map };
+        let last = SEQUENTIAL_STEPS - 1;
+        assert!(body.contains(&format!("\"q{last} edge\"")), "{body}");
+        assert!(before.draw().unwrap().body.contains(&format!("\"qB{last} edge\"")));
     }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
