@@ -6,8 +6,10 @@ use super::record::{Effect, Record};
 use super::tables::label;
 use crate::report::{MetaItem, Report};
 use crate::sections::{Callout, Heading, KeyFigure, KeyFigures, Quantity, Section, Tone};
-use crate::text::significant;
+use crate::text::{listed, significant};
 
+/// Effects that a sentence names.
+const NAMED: usize = 4;
 /// Share of an effect that the model's own parameters could imitate from which its size is doubted on the first screen.
 const MOSTLY_GEOMETRY: f64 = 0.5;
 
@@ -15,7 +17,7 @@ pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
     let told = DiagnosisReport { record: for_readers(&diagnosis.record), ..diagnosis.clone() };
     let (diagnosis, record) = (&told, &told.record);
     let mut sections = vec![Section::Callout(record.answer()), Section::KeyFigures(record.key_figures())];
-    sections.extend(record.warnings().into_iter().map(Section::Callout));
+    sections.extend(record.warnings().into_iter().chain(record.not_told()).map(Section::Callout));
     effects(diagnosis, &mut sections);
     evidence(diagnosis, &mut sections);
     limits(record, &mut sections);
@@ -209,6 +211,25 @@ impl Record {
             )));
         }
         all
+    }
+
+    /// What these data cannot tell, in short: the tables of the last chapters have all of it.
+    fn not_told(&self) -> Option<Callout> {
+        let mut hidden: Vec<&str> = self.not_identifiable.iter().map(|hidden| hidden.name.as_str()).collect();
+        // An effect of several axes stands once.
+        hidden.dedup();
+        let untested: Vec<&str> = self.untestable.iter().map(|effect| effect.name.as_str()).collect();
+        let said = |what: &str, names: &[&str]| {
+            (!names.is_empty()).then(|| format!("{what}: {}.", listed(names, NAMED, ", ")))
+        };
+        let parts = [
+            said("Taken up by the model's own parameters if they are there", &hidden),
+            said("Not tested, for want of a sensor, a column or a move", &untested),
+            self.next_measurements.first().map(|next| format!("Most useful next: {next}.")),
+        ];
+        let text = parts.into_iter().flatten().collect::<Vec<_>>().join(" ");
+        let title = "What these data cannot tell".to_owned();
+        (!text.is_empty()).then_some(Callout { tone: Tone::Neutral, title, text })
     }
 
     fn meta(&self) -> Vec<MetaItem> {
