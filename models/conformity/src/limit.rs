@@ -137,12 +137,21 @@ impl fmt::Display for MaximumPermissibleError {
         let constant = self.constant_m * 1e6;
         let straight = match self.per_metre {
             0.0 => format!("{}", rounded(constant)),
-            slope => format!("{} + L/{}", rounded(constant), rounded(1e-3 / slope)),
+            slope => format!("{} + {}", rounded(constant), slope_in_words(slope)),
         };
         match self.cap_m {
-            Some(cap) => write!(f, "min({straight}, {}) um", rounded(cap * 1e6)),
-            None => write!(f, "{straight} um"),
+            Some(cap) => write!(f, "min({straight}, {}) µm", rounded(cap * 1e6)),
+            None => write!(f, "{straight} µm"),
         }
+    }
+}
+
+/// `L/400`; where that K has no end, as the one of 3L/1000, in thousandths of the length.
+fn slope_in_words(per_metre: f64) -> String {
+    let tenths = 1e-2 / per_metre;
+    match (tenths - tenths.round()).abs() < 1e-6 * tenths {
+        true => format!("L/{}", tenths.round() / 10.0),
+        false => format!("{}L/1000", rounded(per_metre * 1e6)),
     }
 }
 
@@ -174,7 +183,10 @@ mod tests {
             assert!((limit.at(length_m).metres() - limit_m).abs() < 1e-18, "{text}");
             assert_eq!(MaximumPermissibleError::from_text(&limit.to_string()).unwrap().to_string(), limit.to_string());
         }
-        assert_eq!(MaximumPermissibleError::from_text("0.5+L/400").unwrap().to_string(), "0.5 + L/400 um");
+        assert_eq!(MaximumPermissibleError::from_text("0.5+L/400").unwrap().to_string(), "0.5 + L/400 µm");
+        // Was 1.9 + L/333.333333333.
+        assert_eq!(MaximumPermissibleError::from_text("1.9+3L/1000").unwrap().to_string(), "1.9 + 3L/1000 µm");
+        assert_eq!(MaximumPermissibleError::from_text("1+L/333.4").unwrap().to_string(), "1 + L/333.4 µm");
     }
 
     #[test]
