@@ -52,6 +52,10 @@ impl Answers {
     #[track_caller]
     fn lead(&mut self, words: &str, next: &str) {
         let said = self.ran(words).ok();
+        let letters = [" um ", " um,", " um\n", " um)", " urad", " +- ", "chi2 per", " -> "]
+            .into_iter()
+            .find(|sign| said.contains(sign));
+        assert_eq!(letters, None, "pages have a sign for it: {said}");
         follows(&self.bench.path(""), &said, next);
     }
 }

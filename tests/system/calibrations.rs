@@ -93,7 +93,7 @@ fn regress_a_radius_that_the_points_contradict_is_refused_by_name() {
         let refused = with(declared).refused();
         assert_says(
             &refused,
-            &["radius of 15.000", "+- 0.000", "14.98 mm of --radius-mm", "--u-radius-um", "leave it out"],
+            &["radius of 15.000", "± 0.000", "14.98 mm of --radius-mm", "--u-radius-um", "leave it out"],
         );
         assert!(!refused.contains("declared noise"), "{refused}");
         let accepted: Value =
@@ -150,7 +150,7 @@ fn the_shipped_centres_give_pose_table_and_report() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(&folder.path().join("out"));
     let said = run(["probe-pose", "--centres", &text(&centres()), "--out", &out]).ok();
-    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.68 +- 0.86 mm", "0.9993 +- 0.0", "centre left out"]);
+    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.68 ± 0.86 mm", "0.9993 ± 0.0", "centre left out"]);
     let table = fs::read_to_string(folder.path().join("out/compensation.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert_eq!(lines.len(), 6);
@@ -249,7 +249,7 @@ fn tracker_readings_give_the_six_errors_by_position() {
     assert_says(&run(&arguments).refused(), &["smaller than the declared noise", "computed"]);
     // They are computed, and that is meant.
     arguments.push("--accept-misfit");
-    assert_says(&run(&arguments).ok(), &["5 positions", "EXX", "ECX", "ECX          40 +- 30 urad", "chi2"]);
+    assert_says(&run(&arguments).ok(), &["5 positions", "EXX", "ECX", "ECX          40 ± 30 µrad", "χ²"]);
     let csv = fs::read_to_string(folder.path().join("out/errors.csv")).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!(lines[0][..7], ["position_mm", "EXX_um", "EYX_um", "EZX_um", "EAX_urad", "EBX_urad", "ECX_urad"]);
@@ -351,7 +351,7 @@ fn targets_that_cannot_tell_the_errors_are_refused() {
         .collect();
     let (_folder, tilted) = file(&format!("position_mm,target,x_mm,y_mm,z_mm\n{tilted}"));
     let said = run(["guideway", "--points", &tilted, "--axis", "x"]).refused();
-    assert_says(&said, &["1.00 degrees off the X axis", "EXX", "60.9 um", "--frame along-motion"]);
+    assert_says(&said, &["1.00 degrees off the X axis", "EXX", "60.9 µm", "--frame along-motion"]);
     assert_says(&run(["guideway", "--points", &tilted, "--axis", "x", "--frame", "along-motion"]).ok(), &["EXX"]);
     let (_folder, twice) = file(&guideway(200.0).replace("100,Q,", "100,P,"));
     assert_says(&run(["guideway", "--points", &twice, "--axis", "x"]).refused(), &["twice", "100 mm"]);

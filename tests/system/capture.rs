@@ -216,13 +216,13 @@ fn a_rehearsed_campaign_that_is_killed_goes_on_and_is_the_one_that_was_driven() 
     let (own, perfect) = (lengths(&bench.read("captured/campaign.csv")), lengths(&bench.read("perfect/campaign.csv")));
     let off = off_um(&own, &perfect);
     let rms_um = (off.iter().map(|um| um * um).sum::<f64>() / off.len() as f64).sqrt();
-    assert!(rms_um < 0.03, "{rms_um} um: {off:?}");
+    assert!(rms_um < 0.03, "{rms_um} µm: {off:?}");
     assert!(bench.read("captured/campaign.csv").contains("dir_x"));
 
     // And so is the machine that is identified from them.
     let (captured, recorded) = (verified(&bench, "captured/campaign.csv"), verified(&bench, "perfect/campaign.csv"));
     let rms = |value: &Value| value["after_rms_um"].as_f64().unwrap();
-    println!("captured {:.3} um, recorded {:.3} um, lengths {rms_um:.4} um", rms(&captured), rms(&recorded));
+    println!("captured {:.3} µm, recorded {:.3} µm, lengths {rms_um:.4} µm", rms(&captured), rms(&recorded));
     // The recorded one has a second reading at each corner; both know little of a machine from four points a line.
     assert!((rms(&captured) - rms(&recorded)).abs() < 0.3 * rms(&recorded), "{captured:#} {recorded:#}");
     let stated = outcome["u_um"].as_f64().unwrap();

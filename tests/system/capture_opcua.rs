@@ -143,8 +143,8 @@ fn a_campaign_is_captured_over_opc_ua_killed_in_the_middle_and_is_the_one_that_w
         })
         .collect();
     let rms_um = (off.iter().map(|um| um * um).sum::<f64>() / off.len() as f64).sqrt();
-    println!("{} readings, lengths {rms_um:.4} um off", off.len());
-    assert!(rms_um < 0.05, "{rms_um} um: {off:?}");
+    println!("{} readings, lengths {rms_um:.4} µm off", off.len());
+    assert!(rms_um < 0.05, "{rms_um} µm: {off:?}");
 }
 
 #[test]

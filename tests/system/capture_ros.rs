@@ -96,7 +96,7 @@ fn val_cyclone_a_machine_on_ros_2_is_captured() {
                 perfect.iter().filter(|(other, _)| other == place).map(|(_, other)| (mm - LONGER_MM - other) * 1e3);
             let off_um =
                 off.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or_else(|| panic!("{place} was not driven"));
-            assert!(off_um.abs() < 0.2, "{place}: {off_um} um");
+            assert!(off_um.abs() < 0.2, "{place}: {off_um} µm");
         }
     });
 }

@@ -29,7 +29,7 @@ fn val_liang_2025_lengths_are_judged_against_their_limit_and_the_standard() {
     assert_says(
         &words,
         &[
-            "-0.580 um at 420.0000 mm on diagonal_d",
+            "-0.580 µm at 420.0000 mm on diagonal_d",
             "every error conforms",
             "simple acceptance",
             "52.5 %",
@@ -78,7 +78,7 @@ fn regress_r0_names_its_own_rule_and_the_limit_that_would_do_does() {
     let words = String::from_utf8(with("0.58+L/1000", &[]).output).unwrap();
     assert_says(
         &words,
-        &["R0,MPL         0.310 um: conforms", own, "ISO 14253-1", "the uncertainty of the test left out"],
+        &["R0,MPL         0.310 µm: conforms", own, "ISO 14253-1", "the uncertainty of the test left out"],
     );
     let figures: Value = serde_json::from_slice(&with("0.58+L/1000", &["--json", "--out", &out]).output).unwrap();
     let against = &figures["against_limits"];
@@ -238,7 +238,7 @@ fn a_model_is_exported_in_every_format_and_a_step_can_be_chosen_by_its_error() {
     // Without a step: so fine that the table is no worse than what it is to correct. The step is said.
     let ran = run(["export", "--model", &model, "--format", "csv", "--out", &bench.text("default.csv")]);
     assert!(!ran.errors.contains("between the nodes"), "said once: {}", ran.errors);
-    assert_says(&ran.ok(), &["  linear between the nodes", "steps of", "(asked for: 0.1 um)\n"]);
+    assert_says(&ran.ok(), &["  linear between the nodes", "steps of", "(asked for: 0.1 µm)\n"]);
     let stated = bench.read("default.csv");
     let missed = stated.lines().find_map(|line| line.split("by at most ").nth(1)).unwrap();
     assert!(missed.split(' ').next().unwrap().parse::<f64>().unwrap() <= 0.1, "{missed}");

@@ -61,7 +61,7 @@ fn regress_a_campaign_that_contradicts_itself_is_refused_with_its_likely_causes(
             },
             &["cover 3.", "of X", "inches"],
         ),
-        ("length in um", |t| change_columns(t, &["length_mm"], |mm| mm * 1e3), &["the lengths are in micrometres"]),
+        ("length in µm", |t| change_columns(t, &["length_mm"], |mm| mm * 1e3), &["the lengths are in micrometres"]),
         (
             "reversed axis",
             |t| change_columns(t, &["x_mm"], |mm| 800.0 - mm),

@@ -78,7 +78,7 @@ fn the_demo_closes_the_loop_on_the_shipped_campaign_and_says_the_same_everywhere
 
     let report = json(&out.join("report.json"));
     let [before, geometry, after] = ["before_um", "after_um", "after_loop_um"].map(|key| rms_um(&report, key));
-    println!("{before:.3} -> {geometry:.3} -> {after:.3} um");
+    println!("{before:.3} → {geometry:.3} → {after:.3} µm");
     assert!(before > 10.0 * geometry && geometry > 3.0 * after, "{before} {geometry} {after}");
     for (state, rms) in [("as indicated", before), ("after geometry", geometry), ("after the loop", after)] {
         let line = said.lines().find(|line| line.contains(state)).unwrap_or_else(|| panic!("no {state}: {said}"));

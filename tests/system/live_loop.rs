@@ -304,14 +304,14 @@ fn an_effect_that_sets_in_during_a_run_is_diagnosed_and_corrected_without_a_lost
     let judged = parts.each().map(|(name, part)| {
         let error_um = error_um(&corrected[part.clone()], &actual_m[part.clone()]);
         let mean_square = mean_square(&residuals[part.clone()], &corrected[part.clone()]);
-        println!("{name:>16}: {:>5} samples, error {error_um:.3} um rms, mean square {mean_square:.3}", part.len());
+        println!("{name:>16}: {:>5} samples, error {error_um:.3} µm rms, mean square {mean_square:.3}", part.len());
         (error_um, mean_square)
     });
     assert_named(&bench.path("diagnoses/0001"));
     let [sound, worn, closed] = judged;
     assert!(parts.after.len() >= JUDGED, "only {:?} with the new model", parts.after);
     assert!(worn.0 > 1.5 * sound.0 && worn.1 > 3.0, "the effect does not show: the test tests nothing");
-    assert!(closed.0 < 1.15 * sound.0, "{} um before, {} um after", sound.0, closed.0);
+    assert!(closed.0 < 1.15 * sound.0, "{} µm before, {} µm after", sound.0, closed.0);
     let last = ended.figure("monitor", "mean_square");
     println!("mean square over the monitor's last window: {last:.3}");
     // The monitor's own bound on its window of 200.

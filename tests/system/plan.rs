@@ -101,7 +101,7 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
     // Three machines: their frames and errors scatter by a tenth each. Nine intervals a spline leave something of a local flaw,
     // and the points, which are known to 0.09 µm, are aligned.
     let achieved = squares.sqrt();
-    println!("promised {promised:.3} um, achieved {achieved:.3} um");
+    println!("promised {promised:.3} µm, achieved {achieved:.3} µm");
     assert!((achieved / promised - 1.0).abs() < 0.5, "{achieved} {promised}");
 }
 
@@ -192,7 +192,7 @@ fn wrong_requests_are_refused_with_file_line_and_key() {
         ),
         (
             &[("budget_h = 2.2", "budget_h = 1.5\nuncertainty_um = 0.45")],
-            &["goal.uncertainty_um", "no plan found reaches 0.450 um within 1.50 h", "the best has"],
+            &["goal.uncertainty_um", "no plan found reaches 0.450 µm within 1.50 h", "the best has"],
         ),
         (&[("effect = \"reversal\"", "effect = \"reversl\"")], &["reversl", "reversal"]),
     ];

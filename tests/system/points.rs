@@ -62,7 +62,7 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
     let campaign = write(folder.path(), "campaign.csv", &campaign(6, Some(250)));
     let (machine, vectors) = (text(&machine()), text(&folder.path().join("vectors.csv")));
     let said = run(["points", "--machine", &machine, "--campaign", &campaign, "--out", &vectors]).ok();
-    assert_says(&said, &["120 points solved, 0 not", "readings 251, 470 of station S1", "differ by 20.0 um"]);
+    assert_says(&said, &["120 points solved, 0 not", "readings 251, 470 of station S1", "differ by 20.0 µm"]);
     follows(folder.path(), &said, "interpolate");
     let solved = fs::read_to_string(&vectors).unwrap();
     let numbers = |line: &str| line.split(',').filter_map(|cell| cell.parse::<f64>().ok()).collect::<Vec<f64>>();
@@ -119,7 +119,7 @@ fn regress_the_limit_of_repeated_readings_follows_from_the_declared_instrument()
     assert_says(&solved(&machine, &[]).ok(), &["120 points solved, 0 not"]);
     // A limit that is none for this instrument is named, with what would help.
     let refused = solved(&machine, &["--pair-limit-um", "1"]).refused();
-    assert_says(&refused, &["120 of 120 points are seen", "where 1.0 um is let pass", "--pair-limit-um"]);
+    assert_says(&refused, &["120 of 120 points are seen", "where 1.0 µm is let pass", "--pair-limit-um"]);
     assert_says(&solved(&declared("0.2"), &[]).refused(), &["is let pass", "--pair-limit-um", "machine file"]);
 }
 
@@ -228,7 +228,7 @@ fn by_other_hands(seed: u32, plan: &str, says: &str) -> Option<Value> {
     assert!(judged.status.success(), "{}", String::from_utf8_lossy(&judged.stderr));
     let mut judged: Value = serde_json::from_slice(&judged.stdout).unwrap();
     println!(
-        "{plan} {seed}: {judged}, chi2/dof {}, rejected {}",
+        "{plan} {seed}: {judged}, χ² per degree of freedom {}, rejected {}",
         said["chi2_per_dof"],
         said["rejected"].as_array().unwrap().len()
     );
@@ -279,7 +279,7 @@ fn a_method_that_is_worse_than_the_mean_is_said_to_be() {
     }
     let vectors = write(folder.path(), "noise.csv", &csv);
     let said = run(["interpolate", "--vectors", &vectors, "--splits", "2"]).ok();
-    assert_says(&said, &["<0", "R2 below 0: the method answers worse than the mean of all vectors would"]);
+    assert_says(&said, &["<0", "R² below 0: the method answers worse than the mean of all vectors would"]);
     assert!(!said.contains("-0.") && !said.contains("-1."), "{said}");
 }
 

@@ -81,8 +81,8 @@ fn assert_reported(out: &Path) {
     let report: Value = serde_json::from_str(&fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
     let points = report["verification"].as_array().unwrap();
     let (before_um, after_um) = (rms_um(points, "before_um"), rms_um(points, "after_um"));
-    println!("{} points: {before_um:.3} um before, {after_um:.3} um after", points.len());
-    assert!(points.len() == 400 && after_um < before_um / 10.0, "{before_um} um before, {after_um} um after");
+    println!("{} points: {before_um:.3} µm before, {after_um:.3} µm after", points.len());
+    assert!(points.len() == 400 && after_um < before_um / 10.0, "{before_um} µm before, {after_um} µm after");
     let live = &report["live"];
     assert_eq!((&live["samples_received"], &live["samples_lost"]), (&live["samples_sent"], &Value::from(0)));
     assert!(live["samples_sent"].as_u64().unwrap() > 3000);

@@ -420,7 +420,7 @@ fn regress_a_correction_that_makes_it_worse_is_said() {
     let ran = verify(&turned, &["--html", &page]);
     assert_says(
         &ran.errors,
-        &["abbe: warning: ", "turned.csv", said, "um rms indicated", "do not correct with this model"],
+        &["abbe: warning: ", "turned.csv", said, "µm rms indicated", "do not correct with this model"],
     );
     ran.ok();
     assert_says(&fs::read_to_string(&page).unwrap(), &["The correction makes it worse", "µm rms indicated"]);

@@ -67,7 +67,7 @@ pub(crate) fn bench() -> &'static Bench {
             &bench.text("residuals.csv"),
         ])
         .ok();
-        assert_says(&said, &["points with known actual position", "um rms"]);
+        assert_says(&said, &["points with known actual position", "µm rms"]);
         train(&bench, QUICK, "residual.json").ok();
         train(&bench, QUICK_NETWORK, "network.json").ok();
         bench
@@ -91,7 +91,7 @@ fn a_residual_model_brings_the_error_down_at_points_that_taught_nothing() {
     let (model, residual, points) = (bench.text("model.json"), bench.text("residual.json"), bench.text("judge.csv"));
     let verified = json(&["verify", "--model", &model, "--residual", &residual, "--points", &points, "--json"]);
     let um = |key: &str| verified[key].as_f64().unwrap();
-    println!("{} -> {} um rms", um("geometric_rms_um"), um("after_rms_um"));
+    println!("{} → {} µm rms", um("geometric_rms_um"), um("after_rms_um"));
     assert!(um("after_rms_um") < LEFT * um("geometric_rms_um"), "{verified}");
 }
 

@@ -127,7 +127,7 @@ fn judged(bench: &Bench, model: &str) -> (f64, f64) {
 fn a_temperature_as_input_takes_the_error_away_and_the_uncertainty_holds() {
     let bench = bench();
     let [(warm, warm_within), (plain, plain_within)] = ["warm.json", "plain.json"].map(|model| judged(bench, model));
-    println!("rms {plain:.3} -> {warm:.3} um; within 95 %: {plain_within:.3}, {warm_within:.3}");
+    println!("rms {plain:.3} → {warm:.3} µm; within 95 %: {plain_within:.3}, {warm_within:.3}");
     assert!(warm < 0.3 * plain, "{plain} {warm}");
     // 399 components of a third of the rows.
     assert!((0.90..=0.99).contains(&warm_within), "{warm_within}");
@@ -163,7 +163,7 @@ fn single_vectors_that_contradict_all_others_teach_nothing_and_are_named() {
     let warning = ran.errors.clone();
     assert_says(
         &warning,
-        &["gross.csv: 2 of", "contradict all others and are left out", "temp_air_c", "y is +6", "um off"],
+        &["gross.csv: 2 of", "contradict all others and are left out", "temp_air_c", "y is +6", "µm off"],
     );
     assert_says(&ran.ok(), &["left out          2 that contradict all others"]);
     let [spoilt, clean]: [Value; 2] = ["gross.json", "warm.json"].map(|file| validation(&bench.read(file)));
@@ -300,7 +300,7 @@ fn a_robot_is_learnt_by_its_joints_alone() {
         ["x", "y", "z"].into_iter().map(of).sum()
     };
     let (left, missed) = (square(&truth, None), square(&told, Some(&truth)));
-    println!("robot: rms {:.2} -> {:.2} um", (left / 180.0).sqrt(), (missed / 180.0).sqrt());
+    println!("robot: rms {:.2} → {:.2} µm", (left / 180.0).sqrt(), (missed / 180.0).sqrt());
     assert!(missed < 0.05 * left, "{missed} of {left}");
     let residuals = bench.text("robot.csv");
     let config = bench.write("networks.toml", QUICK_NETWORKS);

@@ -132,7 +132,7 @@ fn runs_become_a_model_that_corrects_cycles_it_never_saw_by_as_much_as_it_says()
     let shift_um = errors.iter().map(|(error, _)| error).sum::<f64>() / errors.len() as f64;
     let errors: Vec<(f64, f64)> = errors.into_iter().map(|(error, u)| (error - shift_um, u)).collect();
     let (before, after) = (rms(later.iter().map(|a| a.error_um)), rms(errors.iter().map(|(error, _)| *error)));
-    assert!(before > 12.0 && after < 1.5 * SCATTER_UM, "{before} -> {after} um with {names}");
+    assert!(before > 12.0 && after < 1.5 * SCATTER_UM, "{before} → {after} µm with {names}");
     let claimed = found["after"]["held_out_rms_um"].as_f64().unwrap();
     assert!((0.7..1.4).contains(&(claimed / after)), "claimed {claimed}, true {after}");
     // u_x_um is expanded, k = 2: 95 % of what was never seen lies within.
@@ -147,7 +147,7 @@ fn runs_become_a_model_that_corrects_cycles_it_never_saw_by_as_much_as_it_says()
     let between = bench.write("between.csv", between);
     run(["correct", "--model", &model, "--in", &between, "--out", &bench.text("wide.csv")]).ok();
     let [u_um] = columns(&bench.read("wide.csv"), ["u_x_um"])[0];
-    assert!(u_um > 10.0, "the scale jumps by some 20 um from target to target: {u_um}");
+    assert!(u_um > 10.0, "the scale jumps by some 20 µm from target to target: {u_um}");
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn a_model_of_runs_becomes_a_screw_table_that_a_controller_reads() {
         rms(later.iter().map(|a| of(a) - mean(a.cycle)))
     };
     let (before, after) = (about_cycle(&|a| a.error_um), about_cycle(&left));
-    assert!(before > 12.0 && after < 1.6, "{before} -> {after} um");
+    assert!(before > 12.0 && after < 1.6, "{before} → {after} µm");
     let siemens = bench.text("enc_comp.spf");
     run(["export", "--model", &model, "--format", "siemens-enc-comp", "--step-mm", "10", "--out", &siemens]).ok();
     assert_says(&bench.read("enc_comp.spf"), &["$AA_ENC_COMP[0,0,AX1]=", "MD32450 BACKLASH[0] = 0.00"]);
@@ -228,7 +228,7 @@ fn residual_vectors_become_a_model_that_corrects_by_what_was_logged() {
     // What is the same for all vectors is a shift of the frame, and no error.
     let mean = moved.iter().zip(&truths).map(|(m, t)| m - t).sum::<f64>() / truths.len() as f64;
     let left = rms(moved.iter().zip(&truths).map(|(m, t)| m - t - mean));
-    assert!(left < 0.3, "of {} um {left} um are left", rms(truths.iter().copied()));
+    assert!(left < 0.3, "of {} µm {left} µm are left", rms(truths.iter().copied()));
 }
 
 /// The same points with a tip at the ram's reference point.
@@ -338,9 +338,9 @@ fn regress_what_residuals_of_a_model_show_is_added_to_that_model() {
         (rms(errors.iter().map(|error| error - mean)), rms(rows.iter().map(|[.., u]| *u)))
     };
     let (before, after) = (left_um(&first, &leaning), left_um(&second, &leaning));
-    assert!(before.0 > 2.0 && after.0 < 1.0, "{before:?} -> {after:?}");
+    assert!(before.0 > 2.0 && after.0 < 1.0, "{before:?} → {after:?}");
     // The covariance of both is there.
-    assert!(after.1 > before.1, "{before:?} -> {after:?}");
+    assert!(after.1 > before.1, "{before:?} → {after:?}");
     let found: Value = serde_json::from_str(&bench.read("second/diagnosis.json")).unwrap();
     assert_eq!(found["model"]["file"], "model.json");
     let names = bench.read("second/model.json");

@@ -16,7 +16,7 @@ fn main() {
     let number = |k: usize| given[k].parse::<u64>().unwrap();
     let options = DiagnoseOptions { folds: number(0) as usize, placebos: 0, ..DiagnoseOptions::default() };
     println!(
-        "case\tseed\trms before>after um\tcovered\tbeyond rms\tcovered\tchi2 before>after\tfound\tset aside\tseconds"
+        "case\tseed\trms before>after µm\tcovered\tbeyond rms\tcovered\tchi2 before>after\tfound\tset aside\tseconds"
     );
     for case in &given[3..] {
         let (machine, forms) = case.split_once(':').unwrap();
@@ -50,7 +50,7 @@ fn main() {
                 started.elapsed().as_secs_f64(),
             );
             println!(
-                "    unexplained um {:.2?} {:.2?} noise {:?}",
+                "    unexplained µm {:.2?} {:.2?} noise {:?}",
                 d.before.model.parts().quality.unexplained_m.map(|u_m| u_m * 1e6),
                 d.model.parts().quality.unexplained_m.map(|u_m| u_m * 1e6),
                 d.after.correlation
@@ -61,7 +61,7 @@ fn main() {
             if let Some(unseen) = &d.unseen {
                 let [before, after] = [&unseen.before, &unseen.after].map(|error| error.rms_m * 1e6);
                 println!(
-                    "    lines left out um {before:.2} {after:.2} unexplained {:.2?}",
+                    "    lines left out µm {before:.2} {after:.2} unexplained {:.2?}",
                     unseen.unexplained_m.map(|u_m| u_m * 1e6)
                 );
             }

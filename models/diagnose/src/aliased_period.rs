@@ -99,7 +99,7 @@ impl OpenWave {
         let more = if self.periods_m.len() > NAMED { " and others" } else { "" };
         format!(
             "the places that were read do not tell its period: {}{more} mm explain as much; read lines along {} at unequal steps. The \
-             uncertainty holds a wave of {:.2} um",
+             uncertainty holds a wave of {:.2} µm",
             named.join(", "),
             self.axis.letter(),
             self.amplitude_m * 1e6

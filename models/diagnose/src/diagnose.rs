@@ -397,7 +397,7 @@ impl Judged {
                 let (before, after) = (unseen.before.rms_m * 1e6, unseen.after.rms_m * 1e6);
                 judged.unseen_missing = Some(NOTHING.to_owned());
                 judged.not_adopted = Some(format!(
-                    "lines that no step of the search saw are predicted worse with what it found: {before:.3} -> {after:.3} µm"
+                    "lines that no step of the search saw are predicted worse with what it found: {before:.3} → {after:.3} µm"
                 ));
             }
             Ok(unseen) => judged.unseen = Some(unseen),

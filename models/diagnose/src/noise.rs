@@ -93,7 +93,7 @@ impl Detection {
         });
         let beyond = if self.correlated.is_some() { "beyond that " } else { "" };
         let chi2_per_dof = three_digits(self.chi2_per_dof);
-        format!("The residuals are {size} (chi2/dof {chi2_per_dof}); {beyond}{structure}.{known}")
+        format!("The residuals are {size} (χ² per degree of freedom {chi2_per_dof}); {beyond}{structure}.{known}")
     }
 }
 

@@ -497,7 +497,7 @@ fn poses_that_contradict_each_other_are_told_with_what_each_says() {
         let [words] = &told[..] else { panic!("{seed}: {told:?}") };
         assert!(words.contains("scale of Y") && words.contains("in pose pose 1, "), "{seed}: {words}");
         let size = |pose: &str| -> f64 {
-            let before = words.split(&format!(" um/m in pose {pose}")).next().unwrap();
+            let before = words.split(&format!(" µm/m in pose {pose}")).next().unwrap();
             before.rsplit(' ').next().unwrap().parse().unwrap()
         };
         assert!((size("pose 1") + 10.0).abs() < 1.5 && (size("pose 2") + 2.0).abs() < 1.5, "{seed}: {words}");

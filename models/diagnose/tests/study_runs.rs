@@ -358,7 +358,7 @@ fn readings_in_whole_steps_are_told_where_rounding_is_much_of_their_scatter() {
         |diagnosis: &StudyDiagnosis| diagnosis.looked.iter().find(|look| look.what.starts_with("display")).cloned();
     let coarse = told(&shown(step_m)).unwrap();
     assert!(
-        coarse.says.contains("whole multiples of 1.000 um") && coarse.says.contains("a finer display"),
+        coarse.says.contains("whole multiples of 1.000 µm") && coarse.says.contains("a finer display"),
         "{coarse:?}"
     );
     assert!(coarse.is_noise.is_none());

@@ -58,7 +58,7 @@ fn a_step_in_a_pause_is_found_with_its_place_and_its_size() {
             let is_right =
                 found.is_some_and(|effect| effect.kind == Explanation::Empirical && effect.formula.contains(&says));
             if !is_right || diagnosis.effects.len() > 1 {
-                wrong.push(format!("{um} um before vector {first}, seed {seed}: {:?}", names(&diagnosis)));
+                wrong.push(format!("{um} µm before vector {first}, seed {seed}: {:?}", names(&diagnosis)));
             }
         }
     }
@@ -100,7 +100,7 @@ fn a_step_between_cycles_is_found_with_and_without_times() {
             let says = format!("the last before it is run {}", 18 * after);
             let found = step(&diagnosis, &name).filter(|effect| is_of_size(effect, um));
             if diagnosis.effects.len() != 1 || !found.is_some_and(|effect| effect.formula.contains(&says)) {
-                wrong.push(format!("{um} um after cycle {after} of {cycles}, seed {seed}: {:?}", names(&diagnosis)));
+                wrong.push(format!("{um} µm after cycle {after} of {cycles}, seed {seed}: {:?}", names(&diagnosis)));
             }
         }
     }
@@ -146,7 +146,7 @@ fn several_steps_are_found_each() {
                 .all(|(first, um)| step(&diagnosis, &pause(*first)).is_some_and(|effect| is_of_size(effect, *um)));
             missed += u64::from(diagnosis.effects.is_empty());
             if !diagnosis.effects.is_empty() && (!is_right || diagnosis.effects.len() != 2) {
-                wrong.push(format!("{one} and {two} um, seed {seed}: {:?}", names(&diagnosis)));
+                wrong.push(format!("{one} and {two} µm, seed {seed}: {:?}", names(&diagnosis)));
             }
         }
         let mut runs = logged(&Plan::new(9, 8), &[Flaw::Graduation(10.0)], 900 + seed);

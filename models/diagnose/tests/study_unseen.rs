@@ -59,7 +59,7 @@ fn regress_what_a_coarse_display_hides_is_in_u() {
         off.push((found.value.abs() - play_um * 1e-6).abs() / found.u);
         let scatter_m = diagnosis.terms.deviations_m[Axis::X.index()].unwrap();
         assert!((0.25e-6..0.6e-6).contains(&scatter_m), "seed {seed}: {scatter_m}");
-        assert!(diagnosis.notes.iter().any(|note| note.contains("steps of 1.000 um")), "{:?}", diagnosis.notes);
+        assert!(diagnosis.notes.iter().any(|note| note.contains("steps of 1.000 µm")), "{:?}", diagnosis.notes);
     }
     assert!(off.iter().filter(|off| **off > 2.0).count() <= 1, "{off:?}");
     // Half a step of noise shows the rest.
@@ -129,7 +129,7 @@ fn regress_what_does_not_predict_unseen_blocks_is_not_claimed() {
         let diagnosis = vectors::diagnose(&rough(seed), None, &StudyOptions::default()).unwrap();
         let (before, after) = (diagnosis.unseen.before.unwrap().rms_um, diagnosis.unseen.after.unwrap().rms_um);
         if !diagnosis.effects.is_empty() {
-            assert!(after < before, "seed {seed}: {before} -> {after}");
+            assert!(after < before, "seed {seed}: {before} → {after}");
         }
         let look = diagnosis.looked.iter().find(|look| look.what == "what the search found");
         if let Some(look) = look {
@@ -163,7 +163,7 @@ fn what_predicts_is_claimed_beside_what_does_not() {
         let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
         assert_eq!(look.says.contains("beside what is claimed"), !names.is_empty(), "seed {seed}: {names:?}");
         if !names.is_empty() {
-            assert!(after < before, "seed {seed}: {before} -> {after}");
+            assert!(after < before, "seed {seed}: {before} → {after}");
             beside += usize::from(names.iter().any(|name| name.contains("x_m") && name.ends_with("component y")));
         }
     }
@@ -199,10 +199,10 @@ fn regress_a_mark_that_two_temperatures_move_is_told_by_what_predicts_and_never_
         let diagnosis = vectors::diagnose(&warming(seed), None, &StudyOptions::default()).unwrap();
         let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
         let (before, after) = (diagnosis.unseen.before.unwrap().rms_um, diagnosis.unseen.after.unwrap().rms_um);
-        assert!(after < 0.5 * before, "seed {seed}: {before} -> {after} by {names:?}; {:?}", diagnosis.looked);
+        assert!(after < 0.5 * before, "seed {seed}: {before} → {after} by {names:?}; {:?}", diagnosis.looked);
         let is_motion = |name: &str| name.contains("turn of the frame") || name.contains("growth");
         assert!(!names.iter().any(|name| is_motion(name)), "seed {seed}: {names:?}");
         assert!(diagnosis.considered.iter().all(|own| !is_motion(&own.name)), "a place alone has neither arm");
-        println!("seed {seed}: {before} -> {after} by {names:?}");
+        println!("seed {seed}: {before} → {after} by {names:?}");
     }
 }

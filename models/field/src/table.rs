@@ -241,14 +241,14 @@ pub enum TableError<E> {
         at_mm: [f64; 3],
     },
     /// A wanted error that is none.
-    #[error("the wanted interpolation error {wanted_um} um is not above zero")]
+    #[error("the wanted interpolation error {wanted_um} µm is not above zero")]
     Wanted {
         /// Asked for (µm).
         wanted_um: f64,
     },
     /// Too many nodes.
     #[error(
-        "an interpolation error of {wanted_um} um needs more than {most_nodes} nodes (with {nodes} it is {reached_um:.3} um); \
+        "an interpolation error of {wanted_um} µm needs more than {most_nodes} nodes (with {nodes} it is {reached_um:.3} µm); \
          allow more, or a larger error"
     )]
     TooFine {

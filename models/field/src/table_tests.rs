@@ -84,7 +84,7 @@ fn what_makes_no_table_is_refused() {
     // 0.025 µm has no exact double in metres.
     let wanted_m = 0.125e-6 / 5.0;
     let too_fine = table_within(ENDS_M, wanted_m, 8, bent).unwrap_err().to_string();
-    assert!(wanted_m * 1e6 != 0.025 && too_fine.contains("of 0.025 um needs"), "{too_fine}");
+    assert!(wanted_m * 1e6 != 0.025 && too_fine.contains("of 0.025 µm needs"), "{too_fine}");
     let hole = |p: &Vector3<f64>| Ok::<_, Infallible>(p / (p.x - 0.4));
     assert!(matches!(table_within(ENDS_M, 1e-6, 1000, hole), Err(TableError::NotFinite { .. })));
 }

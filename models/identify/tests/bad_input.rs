@@ -490,7 +490,7 @@ fn regress_campaigns_without_fault_are_not_refused() {
         case.simulated.campaign = case.simulated.campaign.part(&some);
         let (fit, verdict, _) = judged(&case, |_| {});
         println!(
-            "seed {seed}: {} of {}, chi2/dof {:.3}",
+            "seed {seed}: {} of {}, χ² per degree of freedom {:.3}",
             fit.evidence.rejected.len(),
             some.len(),
             fit.evidence.chi2_per_dof

@@ -83,7 +83,7 @@ fn regress_intervals_hold_under_noise_that_hangs_together_and_points_get_better(
             (white_share, white_square) = (white_share + white_inside / count, white_square + white_error / count);
         }
         println!(
-            "{neighbours} {by_line}: {:.1} % within, error {:.3} um; as white {:.1} %, {:.3} um; {own} orders of {MACHINES}",
+            "{neighbours} {by_line}: {:.1} % within, error {:.3} µm; as white {:.1} %, {:.3} µm; {own} orders of {MACHINES}",
             share * 1e2,
             square.sqrt() * 1e6,
             white_share * 1e2,

@@ -274,7 +274,7 @@ fn check_goal(request: &Request) -> Result<(), PlanError> {
         return Err(wrong(
             "goal.uncertainty_um",
             format!(
-                "{:.3} um is not above the machine's own repeatability, {:.3} um in space",
+                "{:.3} µm is not above the machine's own repeatability, {:.3} µm in space",
                 wanted_m * 1e6,
                 floor_m * 1e6
             ),

@@ -37,7 +37,7 @@ pub enum PlanError {
     },
     /// No plan reaches the uncertainty.
     #[error(
-        "goal.uncertainty_um: no plan found reaches {:.3} um{}; the best has {:.3} um{}, in {:.2} h with {stations} stations and \
+        "goal.uncertainty_um: no plan found reaches {:.3} µm{}; the best has {:.3} µm{}, in {:.2} h with {stations} stations and \
          {lines} lines: {}", .wanted_m * 1e6, within(*.budget_s), .best_m * 1e6, of_which(*.common_m), .time_s / 3600.0,
         remedy(*.wanted_m, *.common_m)
     )]
@@ -78,7 +78,7 @@ fn within(budget_s: Option<f64>) -> String {
 fn of_which(common_m: f64) -> String {
     match common_m > 0.0 {
         true => format!(
-            " (of which {:.3} um, in squares, are the scale that all lengths of the instrument have in common, [instrument] \
+            " (of which {:.3} µm, in squares, are the scale that all lengths of the instrument have in common, [instrument] \
              u_k2_common_um_per_m, which no plan makes smaller)",
             common_m * 1e6
         ),

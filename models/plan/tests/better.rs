@@ -51,8 +51,8 @@ fn a_plan_beats_the_recorded_campaigns_plan_of_equal_length() {
     let (request, own) = planned(time_s(&recorded), 0.05);
     let [recorded_um, widened_um, own_um] = [&recorded, &widened, &own].map(|path| achieved_um(&request, path));
     println!(
-        "{:.2} h: like the recorded campaigns {} readings, {recorded_um:.3} um, over all of the stroke {widened_um:.3} um; \
-         planned {} readings, {own_um:.3} um",
+        "{:.2} h: like the recorded campaigns {} readings, {recorded_um:.3} µm, over all of the stroke {widened_um:.3} µm; \
+         planned {} readings, {own_um:.3} µm",
         time_s(&recorded) / 3600.0,
         recorded.readings(),
         own.readings()
@@ -81,7 +81,7 @@ fn a_plan_beats_edges_and_diagonals_of_equal_length() {
     let (request, own) = planned(time_s(&edges), 0.05);
     let (edges_um, own_um) = (achieved_um(&request, &edges), achieved_um(&request, &own));
     println!(
-        "{:.2} h: edges and diagonals {} readings, {edges_um:.3} um; planned {} readings, {own_um:.3} um",
+        "{:.2} h: edges and diagonals {} readings, {edges_um:.3} µm; planned {} readings, {own_um:.3} µm",
         time_s(&edges) / 3600.0,
         edges.readings(),
         own.readings()
@@ -142,7 +142,7 @@ fn lines_chosen_to_extend_a_campaign_beat_random_ones_of_equal_number() {
     }
     let (chosen_um, random_um) = (extended_um(&request, &short, &chosen), extended_um(&request, &short, &random));
     println!(
-        "{} lines from {} stations: before {:.3} um (stated), chosen {chosen_um:.3} um, random {random_um:.3} um, promised {:.3} um",
+        "{} lines from {} stations: before {:.3} µm (stated), chosen {chosen_um:.3} µm, random {random_um:.3} µm, promised {:.3} µm",
         plan.lines.len(),
         plan.stations.len(),
         before.u_model_m * 1e6,

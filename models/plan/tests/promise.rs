@@ -35,8 +35,8 @@ fn the_promised_uncertainty_is_what_a_verification_achieves_on_every_kind_of_mac
         let (achieved_um, stated_um) = (rms_um(&|v| v.0), rms_um(&|v| v.1));
         let promised_um = plan.promise.u_model_m * 1e6;
         println!(
-            "{name}: {} stations, {} lines, {:.2} h; promised {promised_um:.3} um, stated {stated_um:.3} um, achieved \
-             {achieved_um:.3} um; if bent half and twice {:?} um",
+            "{name}: {} stations, {} lines, {:.2} h; promised {promised_um:.3} µm, stated {stated_um:.3} µm, achieved \
+             {achieved_um:.3} µm; if bent half and twice {:?} µm",
             plan.stations.len(),
             plan.lines.len(),
             plan.time_s / 3600.0,
@@ -44,7 +44,7 @@ fn the_promised_uncertainty_is_what_a_verification_achieves_on_every_kind_of_mac
         );
         for (what, value_um) in [("stated", stated_um), ("achieved", achieved_um)] {
             if (value_um / promised_um - 1.0).abs() > APART {
-                wrong.push(format!("{name}: promised {promised_um:.3} um, {what} {value_um:.3} um"));
+                wrong.push(format!("{name}: promised {promised_um:.3} µm, {what} {value_um:.3} µm"));
             }
         }
     }

@@ -123,7 +123,7 @@ fn a_budget_too_short_is_answered_with_the_shortest_that_there_is() {
 fn an_uncertainty_is_reached_in_less_time_than_its_half_or_the_best_is_named() {
     let mut request = request(bridge, Goal { uncertainty_m: Some(0.56e-6), budget_s: None });
     let found = plan(&request, &mut |_| true).unwrap();
-    println!("0.56 um: {:.3} um in {:.2} h", found.promise.u_m * 1e6, found.time_s / 3600.0);
+    println!("0.56 µm: {:.3} µm in {:.2} h", found.promise.u_m * 1e6, found.time_s / 3600.0);
     assert!(found.promise.u_m <= 0.56e-6 && found.promise.u_m > 0.5e-6, "{}", found.promise.u_m);
     request.goal = Goal { uncertainty_m: Some(0.44e-6), budget_s: Some(2.0 * 3600.0) };
     match plan(&request, &mut |_| true).unwrap_err() {
@@ -194,7 +194,7 @@ fn regress_an_easy_goal_gets_the_shortest_plan_that_tells_everything() {
             true
         };
         let found = plan(&request, &mut count).unwrap();
-        println!("{} um: {:.3} um, {:.2} h", wanted_m * 1e6, found.promise.u_m * 1e6, found.time_s / 3600.0);
+        println!("{} µm: {:.3} µm, {:.2} h", wanted_m * 1e6, found.promise.u_m * 1e6, found.time_s / 3600.0);
         assert!(found.promise.u_m <= wanted_m && found.time_s < 2.5 * 3600.0 && !found.stopped);
         last = steps;
     }

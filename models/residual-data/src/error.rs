@@ -56,7 +56,7 @@ pub enum ResidualError {
     /// No component of any point is seen.
     #[error(
         "{readings} ranges from {stations} stations tell of no component of the residual, at any point, more than the size of the field \
-         ({amplitude_um:.2} um) itself: beside a field they leave {noise:.1} times the declared noise ({without:.1} without one); {}",
+         ({amplitude_um:.2} µm) itself: beside a field they leave {noise:.1} times the declared noise ({without:.1} without one); {}",
         unseen_words(*stations, *noise)
     )]
     Unseen {

@@ -113,7 +113,7 @@ fn a_field_is_found_from_ranges_of_stations_that_saw_different_points() {
     let found = from_ranges(&bench.fit.model, INSTRUMENT, campaign, true, &QUICK, &mut |_| true).unwrap();
     let (whole, left, standardised) = bench.score(&found.points);
     println!(
-        "{:.2} um rms, {:.2} left, {standardised:.2} standardised, {:?}, evidence {:.0}, unseen {} + {}",
+        "{:.2} µm rms, {:.2} left, {standardised:.2} standardised, {:?}, evidence {:.0}, unseen {} + {}",
         whole * 1e6,
         left * 1e6,
         found.prior,
@@ -140,7 +140,7 @@ fn points_that_four_stations_saw_have_residuals_by_multilateration() {
     let found = shared_points(&bench.fit.model, INSTRUMENT, &bench.simulated.campaign, true).unwrap();
     let (whole, left, standardised) = bench.score(&found.points);
     println!(
-        "{} points, {:.2} um rms, {:.2} left, {standardised:.2} standardised, chi2 {:?}, {:?}",
+        "{} points, {:.2} µm rms, {:.2} left, {standardised:.2} standardised, chi2 {:?}, {:?}",
         found.points.len(),
         whole * 1e6,
         left * 1e6,
@@ -174,6 +174,6 @@ fn another_campaign_has_stations_of_its_own() {
     let campaign = &again.simulated.campaign;
     let found = from_ranges(&first.fit.model, INSTRUMENT, campaign, false, &QUICK, &mut |_| true).unwrap();
     let (whole, left, standardised) = again.score(&found.points);
-    println!("{:.2} um rms, {:.2} left, {standardised:.2} standardised", whole * 1e6, left * 1e6);
+    println!("{:.2} µm rms, {:.2} left, {standardised:.2} standardised", whole * 1e6, left * 1e6);
     assert!((left / whole).powi(2) < LEFT_OF_RANGES, "{left} left of {whole}");
 }

@@ -29,7 +29,7 @@ fn networks_of_a_graphics_card_are_as_good_as_those_of_the_processor() {
         assert!(graphics.record.device.starts_with("wgpu: "), "{}", graphics.record.device);
         for (a, b) in processor.record.curves.iter().zip(&graphics.record.curves) {
             let (a, b) = (&a.validation_loss, &b.validation_loss);
-            println!("{method:?}: {:.6} {:.6} -> {:.6} {:.6}", a[0], b[0], a[6], b[6]);
+            println!("{method:?}: {:.6} {:.6} → {:.6} {:.6}", a[0], b[0], a[6], b[6]);
             assert!((b[0] / a[0] - 1.0).abs() < ROUNDING, "{a:?} {b:?}");
             assert!((b[6] / a[6] - 1.0).abs() < DRIFT && b[6] != b[0], "{a:?} {b:?}");
         }

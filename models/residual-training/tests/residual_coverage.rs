@@ -131,19 +131,19 @@ fn with_and_without(method: Method, seeds: u64, factor: fn(f64) -> f64) -> [(f64
 #[test]
 fn with_an_input_that_acts_the_error_falls_and_intervals_hold_95_percent() {
     let [(with, within), (without, _)] = with_and_without(Method::Kriging, INPUT_SEEDS, |temp_c| temp_c - 20.0);
-    println!("acts: {without:.3} -> {with:.3} um2, within {within:.3}");
+    println!("acts: {without:.3} → {with:.3} um2, within {within:.3}");
     assert!(with < 0.7 * without, "{without} {with}");
     assert!((within - 0.95).abs() <= TOLERANCE, "{within}");
     let [(with, within), (without, _)] =
         with_and_without(Method::PerceptronKriging, NETWORK_SEEDS, |temp_c| temp_c - 20.0);
-    println!("acts, networks: {without:.3} -> {with:.3} um2, within {within:.3}");
+    println!("acts, networks: {without:.3} → {with:.3} um2, within {within:.3}");
     assert!(with < 0.9 * without && (within - 0.95).abs() <= NETWORK_TOLERANCE, "{without} {with} {within}");
 }
 
 #[test]
 fn an_input_that_is_noise_does_no_harm_and_intervals_hold_95_percent() {
     let [(with, within), (without, within_alone)] = with_and_without(Method::Kriging, INPUT_SEEDS, |_| 1.0);
-    println!("noise: {without:.4} -> {with:.4} um2, within {within_alone:.3} -> {within:.3}");
+    println!("noise: {without:.4} → {with:.4} um2, within {within_alone:.3} → {within:.3}");
     assert!(with < NO_HARM * without, "{without} {with}");
     assert!((within - 0.95).abs() <= TOLERANCE, "{within}");
 }

@@ -126,7 +126,7 @@ pub fn markers() -> MarkerArray {
         frame_locked: true,
         points: vec![Point { x: 4.0, y: 5.0, z: 6.0 }],
         colors: vec![color],
-        text: "1 um".to_owned(),
+        text: "1 µm".to_owned(),
         ..Marker::new(Header::new(stamp(), "bridge"))
     };
     MarkerArray { markers: vec![full, Marker::new(Header::new(stamp(), "bridge"))] }

@@ -98,11 +98,6 @@ fn in_capitals(grade: Grade) -> &'static str {
     }
 }
 
-/// A text with the words that pages have: the models' own texts shorten this one.
-pub(crate) fn in_words(text: &str) -> String {
-    text.replace("chi2/dof", "chi2 per degree of freedom")
-}
-
 /// Who asked for JSON gets all findings of a refusal; nothing else is written.
 pub(crate) fn shown<T>(result: anyhow::Result<T>, as_json: bool) -> anyhow::Result<T> {
     if let Some(refused) = result.as_ref().err().and_then(|error| error.downcast_ref::<Refused>()).filter(|_| as_json) {
@@ -127,8 +122,7 @@ impl fmt::Display for Refused {
             f,
             "{}: refused: {}. Where that is known and meant (to let abbe diagnose look for the cause, say), --accept-misfit goes on all \
              the same: uncertainties are widened, and the result says so wherever it is used",
-            self.source_name,
-            in_words(&self.reason)
+            self.source_name, self.reason
         )
     }
 }
@@ -156,7 +150,7 @@ pub(crate) fn of_fit_because(noise: Option<(f64, usize)>, counted: Option<Counte
 /// What a model file keeps: warnings, and refusals that were accepted.
 pub(crate) fn doubts(verdict: &Verdict) -> Vec<Doubt> {
     let kept = verdict.findings.iter().filter(|finding| finding.grade > Grade::Message);
-    kept.map(|finding| Doubt { grade: finding.grade.name().to_owned(), text: in_words(&finding.to_string()) }).collect()
+    kept.map(|finding| Doubt { grade: finding.grade.name().to_owned(), text: finding.to_string() }).collect()
 }
 
 /// The findings, gravest first.
@@ -182,7 +176,7 @@ pub(crate) fn tone(grade: Grade) -> Tone {
 
 /// A finding among others, for a report.
 pub(crate) fn remark(finding: &Finding) -> Callout {
-    let text = in_words(&finding.to_string());
+    let text = finding.to_string();
     Callout { tone: tone(finding.grade), title: String::new(), text }
 }
 
@@ -196,6 +190,6 @@ pub(crate) fn callouts(findings: &[Finding]) -> impl Iterator<Item = Section> {
 
 /// One line a finding, for the terminal.
 pub(crate) fn words(findings: &[Finding]) -> String {
-    let line = |finding: &Finding| format!("  {:<17} {}\n", in_capitals(finding.grade), in_words(&finding.to_string()));
+    let line = |finding: &Finding| format!("  {:<17} {}\n", in_capitals(finding.grade), finding);
     findings.iter().map(line).collect()
 }

@@ -211,10 +211,10 @@ mod tests {
         refused(&format!("{head}X,100,1,1500\n"), &["line 2", "1.500 mm", "unit"]);
         refused(
             &format!("{head}X,100,1,0.0002\nX,100,2,-0.0003\n"),
-            &["deviation_um", "3.00e-4 um", "multiply the numbers by 1000", "measured_mm"],
+            &["deviation_um", "3.00e-4 µm", "multiply the numbers by 1000", "measured_mm"],
         );
         // Millimetres of a machine that is off by 15 µm.
-        refused(&format!("{head}X,100,1,0.012\nX,200,1,-0.0153\n"), &["line 1", "deviation_um", "1.53e-2 um"]);
+        refused(&format!("{head}X,100,1,0.012\nX,200,1,-0.0153\n"), &["line 1", "deviation_um", "1.53e-2 µm"]);
         refused(head, &["no row"]);
         refused("line,calibrated_mm,repeat\nX,100,1\n", &["deviation_um", "missing"]);
         refused("line,calibrated_mm,repeat,deviation_mm\nX,100,1,0.1\n", &["deviation_mm", "micrometres"]);

@@ -169,7 +169,7 @@ mod tests {
             ("", "no row"),
             (
                 "NPP,0,0,0.1\nNPP,100,-0.025,0.1",
-                "line 1, column deviation_um: the largest of all deviations is 2.50e-2 um",
+                "line 1, column deviation_um: the largest of all deviations is 2.50e-2 µm",
             ),
         ] {
             let problem = read(&format!("{header}{row}")).unwrap_err();

@@ -20,7 +20,7 @@ pub(crate) fn refuse_millimetres(largest_m: f64, column: Place, otherwise: &str)
         return Ok(());
     }
     let problem =
-        format!("the largest of all deviations is {:.2e} um, and few machines are that good", largest_m * 1e6);
+        format!("the largest of all deviations is {:.2e} µm, and few machines are that good", largest_m * 1e6);
     let remedy = format!("multiply the numbers by 1000 if they are millimetres{otherwise}");
     Err(FileError::content(column, problem, remedy))
 }
@@ -30,7 +30,7 @@ pub(crate) fn refuse_millimetres(largest_m: f64, column: Place, otherwise: &str)
 pub(crate) fn tell_of_metres(file: &str, longest_m: f64, largest_m: f64) {
     if largest_m > 0.0 && largest_m < SMALLEST_M && longest_m < SHORT_M {
         tell_once(format!(
-            "{file}: {:.4} mm at the longest, with errors up to {:.2e} um: if the numbers are metres, both are a thousand times that",
+            "{file}: {:.4} mm at the longest, with errors up to {:.2e} µm: if the numbers are metres, both are a thousand times that",
             longest_m * 1e3,
             largest_m * 1e6
         ));

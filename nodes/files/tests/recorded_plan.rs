@@ -76,8 +76,8 @@ fn a_plan_reaches_more_than_the_recorded_demo_campaign_with_fewer_readings() {
     let of_own = of_campaign(known, (&own.nominal, &new), &volume_m, &offsets_m).unwrap();
     let (recorded_um, own_um) = (of_recorded.u_model_m * 1e6, of_own.u_model_m * 1e6);
     println!(
-        "recorded: {} stations, {} lines, {} readings, {recorded_um:.3} um; planned: {} stations, {} lines, {} readings, \
-         {own_um:.3} um",
+        "recorded: {} stations, {} lines, {} readings, {recorded_um:.3} µm; planned: {} stations, {} lines, {} readings, \
+         {own_um:.3} µm",
         recorded.stations.len(),
         recorded.lines.len(),
         recorded.readings.len(),

@@ -133,7 +133,7 @@ fn regress_runs_with_millimetres_for_micrometres_are_refused() {
     let head = RUNS.replace("measured_mm", "deviation_um");
     let read = |rows: &str| read_runs(format!("{head}\n{rows}\n").as_bytes(), "r.csv");
     let told = read("X,100,+,1,0.0046,,\nX,200,+,1,-0.0123,,").unwrap_err().to_string();
-    assert_says(&told, &["line 1, column deviation_um", "1.23e-2 um", "multiply the numbers by 1000", "measured_mm"]);
+    assert_says(&told, &["line 1, column deviation_um", "1.23e-2 µm", "multiply the numbers by 1000", "measured_mm"]);
     // Nothing but zeros has no unit, and whoever has so good a machine writes where it came to stand.
     assert!(read("X,100,+,1,0,,").is_ok());
     assert!(read_runs(format!("{RUNS}\nX,100,+,1,100.0000123,,\n").as_bytes(), "r.csv").is_ok());

@@ -157,10 +157,7 @@ fn each_mistake_is_named_with_file_and_key() {
     ];
     for (from, to, key, words) in cases {
         let error = refusal(from, to);
-        assert!(
-            error.contains("graph.toml") && error.contains(key) && error.contains(words),
-            "{from} -> {to}: {error}"
-        );
+        assert!(error.contains("graph.toml") && error.contains(key) && error.contains(words), "{from} → {to}: {error}");
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! A number beside its uncertainty has the decimals that show the uncertainty with two digits (GUM, 7.2.6); a result whose
 //! uncertainty is not stated has three digits. All digits are in JSON and CSV files. In: values in the unit that is shown;
-//! out: decimals, or ASCII text for a terminal.
+//! out: decimals, or text for a terminal. There a number is one that programs read, with an ASCII minus sign and `e`, so that
+//! it can be taken from the screen; units and other signs are those of pages.
 
 use crate::text;
 
@@ -76,6 +77,11 @@ pub fn chance(p: f64) -> String {
     }
     let power = p.max(SMALLEST_P).log10().floor() + 1.0;
     format!("below 1e{}", if p < SMALLEST_P { -300.0 } else { power })
+}
+
+/// A sentence of a page on a terminal: its numbers are such that programs read them.
+pub fn taken(sentence: &str) -> String {
+    sentence.replace('−', "-")
 }
 
 /// A number with as many decimals, in ASCII and without a negative zero.

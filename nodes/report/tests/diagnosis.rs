@@ -9,7 +9,7 @@ fn group(name: &str, mean_um: f64) -> Group {
 
 fn clean() -> Record {
     let state = Detection {
-        words: "The residuals are as large as declared (chi2/dof 0.915).".into(),
+        words: "The residuals are as large as declared (χ² per degree of freedom 0.915).".into(),
         chi2_per_dof: Some(0.915),
         p_declared: Some(4.99e-33),
         groups: vec![group("station S1", -0.000_001_9), group("dir_x +1", 0.369)],

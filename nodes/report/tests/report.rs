@@ -380,7 +380,8 @@ fn thinned_points_are_announced() {
 
 #[test]
 fn the_next_command_stands_after_the_answer_and_before_the_first_picture() {
-    let callout = Callout { tone: Tone::Warning, title: "Limit of 3 um".into(), text: "line X is -0.5 um off".into() };
+    let callout =
+        Callout { tone: Tone::Warning, title: "Limit of 3 µm".into(), text: "line X is -0.5 µm off".into() };
     let heading = |title: &str| Section::Heading(Heading { title: title.into(), intro: None });
     let next = NextStep { what_for: "to see <more>".into(), command: "abbe verify --model 'a & b'".into() };
     let mut report = Report {

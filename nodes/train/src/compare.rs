@@ -109,7 +109,7 @@ fn say(data: &Data, compared: &Comparison) {
     if !compared.inputs.is_empty() {
         println!("inputs {}; the same points and split for all methods", compared.inputs.join(" "));
     }
-    let head = ["method", "MSE um2 (95 %)", "MAE um (95 %)", "95 % um", "worst um", "train s", "point us"];
+    let head = ["method", "MSE µm² (95 %)", "MAE µm (95 %)", "95 % µm", "worst µm", "train s", "point µs"];
     let [method, mse, mae, most, worst, train, point] = head;
     let width = compared.rows.iter().map(|row| row.name().len()).fold(20, usize::max);
     println!("{method:<width$} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");

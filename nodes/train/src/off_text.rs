@@ -8,7 +8,7 @@ use abbe_geometry::Axis;
 /// A measured vector and how far it is off, in words.
 pub(crate) fn off_text(field: &Samples, index: usize, component: usize, off_m: f64, times: f64) -> String {
     let (at, name) = (place_text(field, index), Axis::ALL[component].lower());
-    format!("{at}: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6)
+    format!("{at}: {name} is {:+.3} µm off, {times:.0} u", off_m * 1e6)
 }
 
 /// A point in words: its position in mm, and other inputs by name.

@@ -146,7 +146,7 @@ fn check_extent(data: &Data, stroke_m: &[(f64, f64); 3]) -> anyhow::Result<()> {
     let strokes = stroke_m.map(|(low, high)| (high - low) * 1e3);
     ensure!(
         shares.max() >= SMALLEST_SHARE && shares.max() <= LARGEST_SHARE,
-        "the points span {x:.3} x {y:.3} x {z:.3} mm of a machine that moves {:.0} x {:.0} x {:.0} mm; check the unit of their \
+        "the points span {x:.3} × {y:.3} × {z:.3} mm of a machine that moves {:.0} × {:.0} × {:.0} mm; check the unit of their \
          columns, and that they are of this machine",
         strokes[0],
         strokes[1],
@@ -277,7 +277,7 @@ fn say(
     }
     let [x, y, z] = record.unshared_um;
     println!(
-        "  unshared          {x:.3} {y:.3} {z:.3} um (x y z) that neighbours do not share{}; in u_*",
+        "  unshared          {x:.3} {y:.3} {z:.3} µm (x y z) that neighbours do not share{}; in u_*",
         if record.declared_seen.is_some() {
             ", beyond what is declared"
         } else {
@@ -286,7 +286,7 @@ fn say(
     );
     let width = record.held_out.iter().map(|method| method.method.len()).fold(18, usize::max);
     let head = "held out";
-    println!("  {head:<0$}   MSE um2    MAE um   95 % um  worst um   in 95 %    points", width + 2);
+    println!("  {head:<0$}   MSE µm²    MAE µm   95 % µm  worst µm   in 95 %    points", width + 2);
     for method in &record.held_out {
         let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));
         let s = &method.scores;

@@ -148,7 +148,7 @@ impl Answer {
         let (own, others) = (self.unseen.after.as_ref()?, other.unseen.after.as_ref()?);
         let names: Vec<&str> = other.found.set.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
         let says = format!(
-            "{} fits more, but what goes straight predicts better: on blocks that a search does not see, {:.3} um are left by it, and {:.3} by \
+            "{} fits more, but what goes straight predicts better: on blocks that a search does not see, {:.3} µm are left by it, and {:.3} by \
              what is claimed",
             names.join("; "),
             others.rms_um,

@@ -131,7 +131,7 @@ impl Unconfirmed {
         let predicts = if after_um < before_um { "predicts too few blocks to be believed" } else { "does not predict" };
         let says = format!(
             "{} fits{beside}, but {predicts}: on blocks that a search does not see, the error goes from {before_um:.3} to \
-             {after_um:.3} um with all that fits",
+             {after_um:.3} µm with all that fits",
             self.names.join("; ")
         );
         Look { what: "what the search found".to_owned(), says, is_noise: Some(false) }

@@ -105,9 +105,9 @@ fn sizes(
 /// A size in the unit of reports.
 fn in_words(spec: &ParameterSpec, value: f64) -> String {
     let (factor, unit) = match spec.unit {
-        "m" => (1e6, "um"),
-        "m/m" | "1" => (1e6, "um/m"),
-        "rad" => (1e6, "urad"),
+        "m" => (1e6, "µm"),
+        "m/m" | "1" => (1e6, "µm/m"),
+        "rad" => (1e6, "µrad"),
         other => (1.0, other),
     };
     format!("{:.1} {unit}", value * factor)

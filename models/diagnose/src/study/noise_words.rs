@@ -37,8 +37,8 @@ fn rounded(view: &View) -> impl Iterator<Item = Look> {
         (rounding_um.powi(2) > MUCH_OF_IT * scatter_um.powi(2)).then(|| Look {
             what: format!("display of {}", chain.of),
             says: format!(
-                "all readings are whole multiples of {step_um:.3} um, and rounding alone makes {rounding_um:.3} um of their scatter of \
-                 {scatter_um:.3} um: an error smaller than a step shows only in the mean of many, and one that is the same in all \
+                "all readings are whole multiples of {step_um:.3} µm, and rounding alone makes {rounding_um:.3} µm of their scatter of \
+                 {scatter_um:.3} µm: an error smaller than a step shows only in the mean of many, and one that is the same in all \
                  repeats may not show at all; a finer display tells more"
             ),
             is_noise: None,
@@ -52,7 +52,7 @@ pub(super) fn notes_of_displays(view: &View) -> Vec<String> {
         let (step_um, hidden_um) = (chain.step? * chain.unit_m * UM, chain.hidden() * chain.unit_m * UM);
         (hidden_um > WORTH_SAYING * step_um).then(|| {
             format!(
-                "{} is shown in steps of {step_um:.3} um and scatters by no more than that: what it hides (u = {hidden_um:.3} um, no mean \
+                "{} is shown in steps of {step_um:.3} µm and scatters by no more than that: what it hides (u = {hidden_um:.3} µm, no mean \
                  makes it less) is in every uncertainty. A finer display would show more.",
                 chain.of
             )

@@ -46,7 +46,7 @@ pub(super) fn scatter_left(view: &View, fit: &Fit, significance: f64) -> Result<
             let (before_um, after_um) = sizes_um(view, fit, &held.columns);
             let Held { of, means, .. } = held;
             format!(
-                "{of} keeps {before_um:.3} um, of which {after_um:.3} um are scatter (p = {p:.1e} by chance): {means}"
+                "{of} keeps {before_um:.3} µm, of which {after_um:.3} µm are scatter (p = {p:.1e} by chance): {means}"
             )
         }
     };

@@ -162,7 +162,7 @@ fn contradicted(part: &Samples, fit: &Averaged) -> [Option<f64>; 3] {
 
 /// The first of them, as text.
 pub(super) fn named(gross: &[LeftOut]) -> String {
-    let one = |one: &LeftOut| format!("point {} {} by {:+.3} um", one.index, one.axis(), one.off_m * 1e6);
+    let one = |one: &LeftOut| format!("point {} {} by {:+.3} µm", one.index, one.axis(), one.off_m * 1e6);
     let shown: Vec<String> = gross.iter().take(NAMED).map(one).collect();
     let more = if gross.len() > NAMED { " ..." } else { "" };
     format!("{}{more}", shown.join(", "))

@@ -14,7 +14,7 @@ pub(super) const KNOWN: Known = Known {
     name: "acceleration",
     title: "dynamic bending",
     formula: "EA, EB, EC of the axis = c a and its linear errors = d a, a the last acceleration of the axis",
-    typical: "1-20 um when fast",
+    typical: "1-20 µm when fast",
     source: "Schwenke et al. 2008 (dynamic errors of coordinate measuring machines)",
     needs: "the last acceleration of the axis (acc_x_mm_s2 ...) at two levels or more, at more than one lever",
     decided_by: "repeat some lines at the lowest acceleration, with a long and a short reflector holder",

@@ -25,7 +25,7 @@ pub(super) const KNOWN: Known = Known {
     name: "axis_term",
     title: "error of an axis as measured in positioning runs",
     formula: "e = g sum c_k f_k(x) along the axis: a table or Legendre polynomials, times sign of approach or a logged quantity",
-    typical: "0.5-100 um",
+    typical: "0.5-100 µm",
     source: "ISO 230-2 (position and reversal), ISO 230-3 (drift)",
     needs: "positioning runs",
     decided_by: "measure runs at further targets",

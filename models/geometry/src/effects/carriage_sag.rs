@@ -22,7 +22,7 @@ pub(super) const KNOWN: Known = Known {
     name: "carriage_sag",
     title: "sag or twist under a travelling carriage",
     formula: "angle of u = sum turn_ij Q_i(v) Q_j(u), Q zero at the lower ends, motions across it likewise, v the other axis",
-    typical: "0.5-5 um, some urad",
+    typical: "0.5-5 µm, some µrad",
     source: "Schwenke et al. 2008 (load-induced errors); beam on two supports under a moving load",
     needs: "lines that vary both axes, with some lever below the carriage",
     decided_by: "measure lines along the carriage at three positions of the axis that carries it, with two offsets",

@@ -18,7 +18,7 @@ pub(super) const KNOWN: Known = Known {
     name: "column_bow",
     title: "sideways thermal bow",
     formula: "times dT: toward the side curvature s^2/2 + lean s, angle curvature s + tilt; s: reading from the lower end",
-    typical: "5-50 um/m^2 a kelvin",
+    typical: "5-50 µm/m² a kelvin",
     source: "bending of a beam under a linear gradient, kappa = alpha dT / width; Mayr et al. 2012, Thermal issues in machine tools",
     needs: "two temperatures between which the column stands (its two sides, or air and floor)",
     decided_by: "repeat lines along the axis at both ends of the volume, with a part of the sight sideways, at another temperature difference",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     name: "dead_path",
     title: "drift of the dead path",
     formula: "range += L_station (-0.96e-6/K (T - 20 C) + 0.27e-6/hPa (p - 1013.25 hPa) - 0.009e-6/% (h - 50 %))",
-    typical: "0.1-2 m, so 0.2-2 um",
+    typical: "0.1-2 m, so 0.2-2 µm",
     source: "Edlen 1966, revised by Birch and Downs 1994; Ciddor 1996",
     needs: "temp_air_c, pressure_hpa or humidity_pct beside the beam, changing while a station is measured",
     decided_by: "return to one near point throughout a station while the air changes",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     name: "gimbal",
     title: "gimbal of the tracer",
     formula: "range += sum over k of s_k sin k az + c_k cos k az, and of a_k sin k el + b_k cos k el from k = 2",
-    typical: "0.1-0.3 um",
+    typical: "0.1-0.3 µm",
     source: "geometry of two turning axes that do not meet, and of errors of the sphere that is followed",
     needs: "sights in many directions from each station",
     decided_by: "measure the same points again with the tracer turned by 90 degrees at the same place",

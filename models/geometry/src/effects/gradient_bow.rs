@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     title: "bow under a temperature gradient",
     formula: "times dT: height -kappa (r - r0)(r - r1)/2 + ramp (r - m) + heave, pitch angle -slope (r - m) + tilt, \
               along the axis shift + stretch (r - m) + lean (z - z0)",
-    typical: "1-5 um/K",
+    typical: "1-5 µm/K",
     source: "bending of a beam under a linear gradient, kappa = alpha dT / height; Schwenke et al. 2008",
     needs: "two temperatures on two sides of one part (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
     decided_by: "repeat lines along the axis, with a vertical part of the sight, at another temperature difference",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     name: "hysteresis",
     title: "hysteresis over travel",
     formula: "e = H z / 2 along the axis, lambda dz/ds = sign(dx) - z over the travel s",
-    typical: "0.1-2 um over 1-50 mm",
+    typical: "0.1-2 µm over 1-50 mm",
     source: "Dahl 1968 (solid friction); ISO 230-2 (reversal value)",
     needs: "readings in the order of measurement, with reversals of the axis",
     decided_by: "measure points of a line along the axis at several distances after a reversal",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     title: "bow under moisture",
     formula: "times (h - 50 %): height -kappa (r - r0)(r - r1)/2 + ramp (r - m) + heave, pitch angle -slope (r - m) + tilt, \
               along the axis shift + stretch (r - m) + lean (z - z0)",
-    typical: "0.05-0.5 um/m a percent",
+    typical: "0.05-0.5 µm/m a percent",
     source: "swelling of granite on its damp side; bending of a beam under a linear gradient",
     needs: "humidity_pct, changing within the campaign by some percent",
     decided_by: "repeat lines along the axis, with a vertical part of the sight, at another humidity and the same temperatures",

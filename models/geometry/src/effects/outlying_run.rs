@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     name: "outlying_run",
     title: "outlying run",
     formula: "range += shift on the readings of one line",
-    typical: "1-50 um",
+    typical: "1-50 µm",
     source: "loss of counts of an incremental interferometer",
     needs: "lines by name",
     decided_by: "measure the line again",

@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "periodic_scale",
     title: "periodic scale error",
     formula: "e = s sin(2 pi r / p) + c cos(2 pi r / p) along the axis, p the period",
-    typical: "0.05-0.5 um at p = 20 um; longer p from mounting",
+    typical: "0.05-0.5 µm at p = 20 µm; longer p from mounting",
     source: "ISO 230-2 (periodic error); Schwenke et al. 2008",
     needs: "positions that do not repeat with the period",
     decided_by: "measure a line along the axis with a step of a tenth of the period, or at irregular steps",

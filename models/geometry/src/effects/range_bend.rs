@@ -14,7 +14,7 @@ pub(super) const KNOWN: Known = Known {
     name: "range_bend",
     title: "error of the instrument by the square of the range",
     formula: "range += per_metre range^2",
-    typical: "up to 0.5 um/m^2: -0.24 um/m^2 where the air gets warmer by 0.5 K a metre along the beam",
+    typical: "up to 0.5 µm/m²: -0.24 µm/m² where the air gets warmer by 0.5 K a metre along the beam",
     source: "Edlen 1966, revised by Birch and Downs 1994; Muralikrishnan, Phillips and Sawyer 2016 (laser trackers: a review)",
     needs: "stations near and far from the same places",
     decided_by: "measure the same lines from a stand at another distance, or a calibrated length near and far",

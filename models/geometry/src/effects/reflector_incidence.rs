@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "reflector_incidence",
     title: "incidence on the reflector",
     formula: "range += sum c h(n), n the sight in the ram frame, h its polynomials x y z xy yz zx x2-y2 3z2-1",
-    typical: "0.1-5 um",
+    typical: "0.1-5 µm",
     source: "a smooth function of the direction, expanded to second order",
     needs: "sights from many sides of the reflector",
     decided_by: "turn the reflector in its holder by 90 degrees and repeat some lines",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     name: "reflector_offset",
     title: "wrong reflector offset",
     formula: "range += v(offset) . direction, v for each offset but the first",
-    typical: "0.5-5 um",
+    typical: "0.5-5 µm",
     source: "geometry of the set-up",
     needs: "two reflector offsets or more",
     decided_by: "measure the holders on another machine, or swap them and repeat some lines",
@@ -41,7 +41,7 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
         return Err(reader.wrong("offsets_m", "must be x, y and z of two offsets or more"));
     }
     if distinct(offsets_m).len() < offsets_m.len() {
-        return Err(reader.wrong("offsets_m", "must differ by more than 1 um from each other"));
+        return Err(reader.wrong("offsets_m", "must differ by more than 1 µm from each other"));
     }
     reader.finish()?;
     Ok(Box::new(ReflectorOffset { offsets_m: offsets_m.to_vec() }))

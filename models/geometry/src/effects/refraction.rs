@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "refraction",
     title: "uncompensated refraction",
     formula: "range += range (per_kelvin (T - 20 C) + per_hpa (p - 1013.25 hPa) + per_percent (h - 50 %))",
-    typical: "up to 1-3 um/m: -0.96e-6/K, +0.27e-6/hPa, -0.009e-6/%",
+    typical: "up to 1-3 µm/m: -0.96e-6/K, +0.27e-6/hPa, -0.009e-6/%",
     source: "Edlen 1966, revised by Birch and Downs 1994; Ciddor 1996",
     needs: "temp_air_c, pressure_hpa or humidity_pct beside the beam, changing within the campaign",
     decided_by: "repeat short and long ranges of one station in other air, or measure a calibrated length",

@@ -18,7 +18,7 @@ pub(super) const KNOWN: Known = Known {
     name: "reversal",
     title: "backlash",
     formula: "e = B(u) sign(approach) / 2 along the axis, B(u) = sum b_k P_k(2u - 1), u the share of the stroke",
-    typical: "0.1-2 um",
+    typical: "0.1-2 µm",
     source: "ISO 230-2 (reversal value B)",
     needs: "the sign of approach (dir_x, dir_y, dir_z) with approaches from both sides",
     decided_by: "measure some lines along the axis in both directions",

@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "scale_expansion",
     title: "thermal expansion of a scale",
     formula: "e = alpha (T - 20 C) (r - r0) along the axis; shift = -alpha r0",
-    typical: "8-12 um/(m K)",
+    typical: "8-12 µm/(m K)",
     source: "ISO 1; Schwenke et al. 2008",
     needs: "a temperature of the scale or of what it is fixed to (temp_scale_x_c ...) that changes in the campaign",
     decided_by: "repeat some lines along the axis at another temperature, or measure a calibrated length along it",

@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     name: "scale_growth",
     title: "growth of a scale with time",
     formula: "e = (growth r + shift) (1 - exp(-t / tau)) along the axis, t since the campaign began",
-    typical: "20-100 um/m of a ball screw within hours",
+    typical: "20-100 µm/m of a ball screw within hours",
     source: "Bryan 1990, International status of thermal error research; Mayr et al. 2012, Thermal issues in machine tools",
     needs: "time_s, and positions that do not follow the time",
     decided_by: "repeat some lines along the axis throughout the campaign, start once more from cold, or log the temperature of the screw",

@@ -17,7 +17,7 @@ pub(super) const KNOWN: Known = Known {
     name: "scale_step",
     title: "step in a scale",
     formula: "e = step along the axis beyond a place that lies between from_m and to_m",
-    typical: "1-20 um: joined tapes, a damaged grating, a joint of rails",
+    typical: "1-20 µm: joined tapes, a damaged grating, a joint of rails",
     source: "ISO 230-1 (positioning error); calibration of line scales: Nyce 2004, Linear Position Sensors",
     needs: "readings close to each other along the axis, from several lines",
     decided_by: "measure a line along the axis in steps of some millimetres across the place",

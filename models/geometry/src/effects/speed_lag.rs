@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "speed_lag",
     title: "lag with speed",
     formula: "e = -lag v sign(approach) along the axis, v the feed",
-    typical: "10-100 us, so 1-10 um at 100 mm/s",
+    typical: "10-100 µs, so 1-10 µm at 100 mm/s",
     source: "delay between scale and trigger, following error of a control loop",
     needs: "the feed (speed_mm_s) and the sign of approach (dir_x, dir_y, dir_z), at two feeds or more",
     decided_by: "measure some lines along the axis in both directions at a low and a high feed",

@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "stand_jump",
     title: "jump of the stand",
     formula: "range -= direction . step on the readings of one station from a time on",
-    typical: "2-100 um",
+    typical: "2-100 µm",
     source: "geometry of a station that moves",
     needs: "time_s, and several lines of a station in many directions before and after",
     decided_by: "measure a mark on the table from that station before and after: the stand moves it, and the zero of an axis does not",

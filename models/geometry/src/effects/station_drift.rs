@@ -15,7 +15,7 @@ pub(super) const KNOWN: Known = Known {
     name: "station_drift",
     title: "drift of the stand",
     formula: "range -= direction . rate (t - start), with a rate for each station",
-    typical: "0.5-5 um/h",
+    typical: "0.5-5 µm/h",
     source: "geometry of a station that moves",
     needs: "time_s, and sights in many directions early and late at each station",
     decided_by: "end each station with the lines that it began with",

@@ -18,7 +18,7 @@ pub(super) const KNOWN: Known = Known {
     name: "table_load",
     title: "table bending under load",
     formula: "tip along z = load sum c_ij P_i(u) P_j(v), i and j from 0 to 2, u and v along x and y",
-    typical: "0.05-0.5 um/kg",
+    typical: "0.05-0.5 µm/kg",
     source: "bending of a supported plate; Schwenke et al. 2008 (load-induced errors)",
     needs: "the load (load_kg), at two loads or more",
     decided_by: "repeat some lines over the table, with a vertical part of the sight, at another load",

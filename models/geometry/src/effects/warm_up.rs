@@ -17,7 +17,7 @@ pub(super) const KNOWN: Known = Known {
     name: "warm_up",
     title: "warm-up growth of the head",
     formula: "tip = a (1 - exp(-t / tau)) [+ b (1 - exp(-t / 4 tau))] along x, y and z, t since the campaign began",
-    typical: "1-10 um",
+    typical: "1-10 µm",
     source: "ISO 230-3 (thermal drift tests); Schwenke et al. 2008",
     needs: "time_s, and positions that do not follow the time",
     decided_by: "return to the same few points throughout the campaign, or start once more from cold",

@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     name: "zero_jump",
     title: "jump of the zero of a tracer",
     formula: "range += step on the readings of one station from a time on",
-    typical: "1-50 um",
+    typical: "1-50 µm",
     source: "loss of counts of an incremental interferometer",
     needs: "time_s, and several lines of a station before and after",
     decided_by: "measure the first lines of that station again at its end",

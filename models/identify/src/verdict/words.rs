@@ -33,13 +33,16 @@ impl fmt::Display for Subject {
             }
             Subject::Noise { ratio, chi2_per_dof } if *ratio > 1.0 => {
                 let chi2_per_dof = three_digits(*chi2_per_dof);
-                write!(f, "the residual is {ratio:.1} times the declared noise (chi2/dof {chi2_per_dof})")
+                write!(
+                    f,
+                    "the residual is {ratio:.1} times the declared noise (χ² per degree of freedom {chi2_per_dof})"
+                )
             }
             Subject::Noise { ratio, chi2_per_dof } => {
                 let times = ratio.max(f64::MIN_POSITIVE).recip();
                 write!(
                     f,
-                    "the residual is {} times smaller than the declared noise (chi2/dof {chi2_per_dof:.2e})",
+                    "the residual is {} times smaller than the declared noise (χ² per degree of freedom {chi2_per_dof:.2e})",
                     rounded(times)
                 )
             }
@@ -91,7 +94,7 @@ fn rounded(times: f64) -> String {
 
 /// A length in the unit that fits it.
 fn length(m: f64) -> String {
-    if m.abs() < 1e-3 { format!("{:.1} um", m * 1e6) } else { format!("{:.3} mm", m * 1e3) }
+    if m.abs() < 1e-3 { format!("{:.1} µm", m * 1e6) } else { format!("{:.3} mm", m * 1e3) }
 }
 
 impl fmt::Display for Cause {

@@ -16,7 +16,7 @@ pub enum GuidewayError {
     /// A target twice at one position.
     #[error(
         "target {target:?} stands twice at position {position_mm} mm, in points {first} and {second}; remove one (positions up to \
-         1 um apart are one)"
+         1 µm apart are one)"
     )]
     Twice {
         /// Target.
@@ -34,7 +34,7 @@ pub enum GuidewayError {
     /// Three targets fix a body.
     #[error(
         "position {position_mm} mm has {count} targets in common with the lowest position; at least 3 that are not on a line are \
-         needed. Positions up to 1 um apart are one: where its targets were read at positions further apart, give them the position that \
+         needed. Positions up to 1 µm apart are one: where its targets were read at positions further apart, give them the position that \
          they were read at together"
     )]
     TooFew {
@@ -83,8 +83,8 @@ pub enum GuidewayError {
     },
     /// Points move a little in another direction.
     #[error(
-        "the targets move {angle_deg:.2} degrees off the {axis} axis of the frame of the points, so that {error} would be {cosine_um:.1} um too \
-         small at {position_mm} mm by the cosine alone, at an uncertainty of {expanded_um:.1} um: that frame is not the machine's; have it \
+        "the targets move {angle_deg:.2} degrees off the {axis} axis of the frame of the points, so that {error} would be {cosine_um:.1} µm too \
+         small at {position_mm} mm by the cosine alone, at an uncertainty of {expanded_um:.1} µm: that frame is not the machine's; have it \
          turned along the motion (--frame along-motion), or give points in the machine frame"
     )]
     Cosine {
@@ -103,7 +103,7 @@ pub enum GuidewayError {
     },
     /// Targets that do not keep their distances.
     #[error(
-        "the distance of targets {first:?} and {second:?} at position {position_mm} mm differs by {change_um:.1} um from that at \
+        "the distance of targets {first:?} and {second:?} at position {position_mm} mm differs by {change_um:.1} µm from that at \
          the lowest: no rigid table; look for exchanged names, a moved target or a wrong unit"
     )]
     NotRigid {

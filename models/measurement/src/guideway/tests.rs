@@ -288,7 +288,7 @@ fn regress_positions_that_differ_by_rounding_are_one() {
     let mut apart = motion(GuidewayAxis::X, 1.0, 0.0, 0);
     apart[5].position_m += 2e-6;
     let why = Guideway::new(&apart, options(GuidewayAxis::X, GuidewayRotation::Exact)).unwrap_err().to_string();
-    assert!(why.contains("1 targets in common") && why.contains("up to 1 um apart are one"), "{why}");
+    assert!(why.contains("1 targets in common") && why.contains("up to 1 µm apart are one"), "{why}");
     let mut twice = motion(GuidewayAxis::X, 1.0, 0.0, 0);
     twice.push(TargetPoint { position_m: twice[4].position_m + 0.5e-6, ..twice[4].clone() });
     let why = Guideway::new(&twice, options(GuidewayAxis::X, GuidewayRotation::Exact)).unwrap_err();

@@ -47,7 +47,7 @@ impl fmt::Display for LeftOut {
         let LeftOut { pairs, repeated, difference_m, limit_m } = self;
         write!(
             f,
-            "at {pairs} of {repeated} points read more than once from a station, readings differ by {:.1} um (median) where {:.1} um is \
+            "at {pairs} of {repeated} points read more than once from a station, readings differ by {:.1} µm (median) where {:.1} µm is \
              let pass. Declare the instrument's range uncertainty and the machine's repeatability in the machine file as they are, or \
              give another limit with --pair-limit-um",
             difference_m * 1e6,

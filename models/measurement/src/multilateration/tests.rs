@@ -191,7 +191,7 @@ fn regress_a_noisier_instrument_that_says_so_is_no_contradiction() {
     let tight = MultilaterationOptions { pair_limit_m: Some(0.01e-6), ..declared };
     let said = run(&campaign, &tight).unwrap_err().to_string();
     assert!(said.contains("60 of 60 points are seen") || said.contains("read more than once"), "{said}");
-    assert!(said.contains("--pair-limit-um") && said.contains("0.0 um is let pass"), "{said}");
+    assert!(said.contains("--pair-limit-um") && said.contains("0.0 µm is let pass"), "{said}");
 }
 
 #[test]

@@ -26,7 +26,7 @@ pub enum SphereError {
     Coplanar,
     /// A cap so flat that the scatter hides its curvature.
     #[error(
-        "the points are {plane_um:.3} um rms from a plane and {sphere_um:.3} um rms from the sphere: too flat a cap to tell \
+        "the points are {plane_um:.3} µm rms from a plane and {sphere_um:.3} µm rms from the sphere: too flat a cap to tell \
          its radius; measure a larger part of the sphere"
     )]
     Flat {

@@ -98,7 +98,7 @@ impl Rejected {
         let Rejected { line, target, position_mm, off_um, everywhere } = self;
         let everywhere = if *everywhere { "; all positions refer to it, so that its target is not used" } else { "" };
         format!(
-            "line {line}: target {target} at {position_mm} mm is {} um off where the others put it{everywhere}",
+            "line {line}: target {target} at {position_mm} mm is {} µm off where the others put it{everywhere}",
             digits::result(*off_um)
         )
     }
@@ -125,7 +125,7 @@ fn wider(solved: &Guideway, position: &PositionErrors) -> Option<String> {
     const MORE: f64 = 1.001;
     let widening = position.widening.filter(|widening| *widening > MORE * solved.claim.widening)?;
     Some(format!(
-        "at {} mm the targets contradict each other (residual {} um), and nothing tells which is wrong: uncertainties there are \
+        "at {} mm the targets contradict each other (residual {} µm), and nothing tells which is wrong: uncertainties there are \
          {widening:.2} times as large; measure that position again, with more targets",
         position.position_m * 1e3,
         digits::result(position.residual_rms_m * 1e6)
@@ -142,6 +142,7 @@ fn expanded(position: &PositionErrors) -> Option<[f64; 6]> {
     Guideway::u(position).map(|u| u.map(|u| COVERAGE * u * 1e6))
 }
 
+/// The unit in the name of a column and of a key.
 fn unit(k: usize) -> &'static str {
     if k < 3 { "um" } else { "urad" }
 }
@@ -170,16 +171,17 @@ fn words(solved: &Guideway) -> String {
             solved.positions.iter().map(|p| shown(p)[k]).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
         let u = solved.positions.iter().filter_map(expanded).map(|u| u[k]).fold(0.0, f64::max);
         let [error, u] = digits::with_uncertainty(error, u);
-        let _ = writeln!(text, "  {name}  {error:>10} +- {u} {}", unit(k));
+        let unit = if k < 3 { "µm" } else { "µrad" };
+        let _ = writeln!(text, "  {name}  {error:>10} ± {u} {unit}");
     }
     let _ = writeln!(
         text,
-        "  residual of a rigid table {} um, spread of the targets {:.2} (across over along their longest direction)",
+        "  residual of a rigid table {} µm, spread of the targets {:.2} (across over along their longest direction)",
         digits::result(solved.scatter_m * 1e6),
         solved.spread_ratio
     );
     if let Some(chi2) = solved.chi2_per_dof {
-        let _ = writeln!(text, "  chi2 per degree of freedom {chi2:.2} with the declared uncertainties");
+        let _ = writeln!(text, "  χ² per degree of freedom {chi2:.2} with the declared uncertainties");
     }
     text
 }

@@ -117,15 +117,15 @@ fn objection(told: &ToldOffset, pose: &ProbePose) -> Objection {
     let um = |m: f64| digits::result(m * 1e6);
     let explained = match (pose.scatter.between_m, told.with.scatter.between_m) {
         (Some(before), Some(after)) => {
-            format!("what a pose adds in common falls from {} to {} um with it", um(before), um(after))
+            format!("what a pose adds in common falls from {} to {} µm with it", um(before), um(after))
         }
-        _ => format!("the residual falls from {} to {} um rms with it", um(pose.rms_m()), um(told.with.rms_m())),
+        _ => format!("the residual falls from {} to {} µm rms with it", um(pose.rms_m()), um(told.with.rms_m())),
     };
     let moved_um = (told.with.zero_m - pose.zero_m).norm() * 1e6;
     Objection {
         grade: if told.is_certain { Grade::Refusal } else { Grade::Warning },
         finding: format!(
-            "the A axis lies {offset} +- {u} mm (k = 2) off the C axis along y, which was not fitted: {explained}, and T_p moves by {} um",
+            "the A axis lies {offset} ± {u} mm (k = 2) off the C axis along y, which was not fitted: {explained}, and T_p moves by {} µm",
             digits::result(moved_um)
         ),
         causes: vec!["fit it by --axis-offset; uncertainties without it are widened by what it moves".to_owned()],
@@ -194,13 +194,13 @@ impl Judged {
         if after >= before {
             let [before, after] = [before, after].map(digits::result);
             return Some(format!(
-                "the table corrects nothing: centres left out are {before} um off in the mean without it, and {after} um with it; {remedy}"
+                "the table corrects nothing: centres left out are {before} µm off in the mean without it, and {after} µm with it; {remedy}"
             ));
         }
         let within_m = self.pose.scatter.within_m.filter(|_| self.pose.scatter.between_m == Some(0.0))?;
         let within = digits::result(within_m * 1e6);
         Some(format!(
-            "the table corrects nothing: poses differ by no more than the scatter within them ({within} um) makes them; {remedy}"
+            "the table corrects nothing: poses differ by no more than the scatter within them ({within} µm) makes them; {remedy}"
         ))
     }
 
@@ -241,7 +241,7 @@ impl Judged {
             let (name, unit, _) = UNKNOWNS[k];
             let digits = decimals(expanded.as_ref().map(|u| u[k]));
             let u = expanded.as_ref().map_or_else(|| "unknown".to_owned(), |u| format!("{:.digits$}", u[k]));
-            let _ = writeln!(text, "  {name:<14} {value:14.digits$} +- {u} {unit}");
+            let _ = writeln!(text, "  {name:<14} {value:14.digits$} ± {u} {unit}");
         }
         let (length, condition) = (self.scale_words(), self.pose.condition);
         let _ =
@@ -251,16 +251,16 @@ impl Judged {
             let _ = writeln!(text, "  {what:<52} {value}");
         };
         let scatter = &self.pose.scatter;
-        let micrometres = |m: Option<f64>| m.map(|m| format!("{} um", digits::result(m * 1e6)));
+        let micrometres = |m: Option<f64>| m.map(|m| format!("{} µm", digits::result(m * 1e6)));
         line(&mut text, "scatter of a coordinate within a pose", micrometres(scatter.within_m));
         line(&mut text, "what a pose adds in common (the model lacks it)", micrometres(scatter.between_m));
         let arrow =
-            |pair: Option<(f64, f64)>| pair.map(|(b, a)| format!("{} -> {} um", digits::result(b), digits::result(a)));
+            |pair: Option<(f64, f64)>| pair.map(|(b, a)| format!("{} → {} µm", digits::result(b), digits::result(a)));
         line(&mut text, "mean error, centre left out, table for its pose", arrow(self.again_um()));
         line(
             &mut text,
             "mean error, pose left out, no table",
-            self.elsewhere_um().map(|e| format!("{} um", digits::result(e))),
+            self.elsewhere_um().map(|e| format!("{} µm", digits::result(e))),
         );
         line(&mut text, "mean error, pose left out, interpolated table", arrow(self.interpolated_um()));
         text
@@ -272,7 +272,7 @@ impl Judged {
         match self.pose.u_beam_length().filter(|u| *u > 0.0) {
             Some(u) => {
                 let [length, u] = digits::with_uncertainty(length, COVERAGE * u);
-                format!("{length} +- {u}")
+                format!("{length} ± {u}")
             }
             None => format!("{length:.6}"),
         }
@@ -342,7 +342,8 @@ impl Judged {
         sections.push(self.worth());
         let claim = self.pose.claim.as_ref().and_then(of_claim);
         sections.extend(claim.map(|text| note("What the uncertainty rests on", text)));
-        sections.extend([self.picture(), self.unknown_table(), self.compensation_section(), self.left_out_section()]);
+        // The pose is what was asked for.
+        sections.extend([self.unknown_table(), self.picture(), self.compensation_section(), self.left_out_section()]);
         Report {
             title: "Pose of the laser probe".to_owned(),
             lead: Some(format!(
@@ -364,7 +365,7 @@ impl Judged {
         self.harm().map_or_else(
             || note("What the table is worth", WORTH.to_owned()),
             |harm| {
-                let text = format!("{}.", harm.replace(" um", " µm"));
+                let text = format!("{harm}.");
                 Section::Callout(Callout { tone: Tone::Warning, title: "No table is given".to_owned(), text })
             },
         )
@@ -456,7 +457,7 @@ impl Judged {
     /// What a millimetre of the distance reading is.
     fn scale_row(&self) -> Vec<Option<Cell>> {
         let words = self.scale_words();
-        let (length, u) = words.split_once(" +- ").map_or((words.as_str(), None), |(length, u)| (length, Some(u)));
+        let (length, u) = words.split_once(" ± ").map_or((words.as_str(), None), |(length, u)| (length, Some(u)));
         let u = u.map_or_else(|| "held, or not known".to_owned(), |u| format!("± {u}"));
         vec![Cell::text("scale of the distance"), Cell::text(length), Cell::text(u), Cell::text("length of R_p")]
     }
@@ -517,7 +518,7 @@ impl Judged {
                 None => "none: the others do not determine the pose",
             };
             let with_table = match &pose.compensated_m {
-                Some(error_m) => format!("{} um, {word}", digits::result(um(error_m))),
+                Some(error_m) => format!("{} µm, {word}", digits::result(um(error_m))),
                 None => word.to_owned(),
             };
             vec![

@@ -86,17 +86,17 @@ pub(crate) fn product(
     let mut words = format!("{} points\n", points_m.len());
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
         // Writing to a string cannot fail.
-        let _ = writeln!(words, "  centre {axis}  {:14.5} mm  +- {} um (k = 2)", fit.centre_m[k] * 1e3, shown(k));
+        let _ = writeln!(words, "  centre {axis}  {:14.5} mm  ± {} µm (k = 2)", fit.centre_m[k] * 1e3, shown(k));
     }
-    let _ = writeln!(words, "  radius    {:14.5} mm  +- {} um (k = 2)", fit.radius_m * 1e3, shown(3));
+    let _ = writeln!(words, "  radius    {:14.5} mm  ± {} µm (k = 2)", fit.radius_m * 1e3, shown(3));
     let _ = writeln!(
         words,
-        "  form      {:>14} um  (largest less smallest distance from the centre)",
+        "  form      {:>14} µm  (largest less smallest distance from the centre)",
         digits::result(fit.form_m() * 1e6)
     );
     let scatter = fit.scatter_m.map_or_else(
         || "unknown: no more points than unknowns".to_owned(),
-        |s| format!("{} um", digits::result(s * 1e6)),
+        |s| format!("{} µm", digits::result(s * 1e6)),
     );
     let _ = writeln!(words, "  scatter   {scatter}");
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
@@ -131,13 +131,13 @@ pub(crate) fn product(
 fn objection(told: &ToldRadius, held: &SphereFit) -> Objection {
     let fitted_mm = told.free.radius_m * 1e3;
     let fitted = match told.free.u_m() {
-        Some(u_m) => digits::with_uncertainty(fitted_mm, COVERAGE * u_m[3] * 1e3).join(" +- "),
+        Some(u_m) => digits::with_uncertainty(fitted_mm, COVERAGE * u_m[3] * 1e3).join(" ± "),
         None => format!("{fitted_mm:.5}"),
     };
     let moved_um = (held.centre_m - told.free.centre_m).norm() * 1e6;
     let grade = if told.is_certain { Grade::Refusal } else { Grade::Warning };
     let finding = format!(
-        "the points tell a radius of {fitted} mm (k = 2), not the {} mm of --radius-mm; held to that, the centre moves by {} um",
+        "the points tell a radius of {fitted} mm (k = 2), not the {} mm of --radius-mm; held to that, the centre moves by {} µm",
         held.radius_m * 1e3,
         digits::result(moved_um)
     );

@@ -107,9 +107,9 @@ impl Screen {
     /// Uncertainty so far and time left.
     fn words(&self, capturer: &Capturer) -> String {
         let promised =
-            self.promised_um.map_or(String::new(), |um| format!(" (planned: {} um)", digits::uncertainty(um)));
+            self.promised_um.map_or(String::new(), |um| format!(" (planned: {} µm)", digits::uncertainty(um)));
         let u = match &self.so_far {
-            Ok((readings, u_m)) => format!("{} um{promised} after {readings} readings", digits::uncertainty(u_m * 1e6)),
+            Ok((readings, u_m)) => format!("{} µm{promised} after {readings} readings", digits::uncertainty(u_m * 1e6)),
             Err(_) => format!("not yet{promised}"),
         };
         let left = match (self.pace.front(), self.pace.back()) {
@@ -212,7 +212,7 @@ fn words(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar,
     match reached {
         Ok(found) => {
             lines.push(format!(
-                "uncertainty of a corrected point: {} um (k = 1, in space, rms over the plan)",
+                "uncertainty of a corrected point: {} µm (k = 1, in space, rms over the plan)",
                 digits::uncertainty(found.u_m * 1e6)
             ));
             lines.extend(found.findings.iter().map(said));

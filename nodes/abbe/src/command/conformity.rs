@@ -53,7 +53,7 @@ pub(crate) struct Arguments {
     /// Distance of the tip from the ram axis: 0 for E0, 150 for E150
     #[arg(long, default_value_t = 0.0, conflicts_with_all = ["sphere", "runs"])]
     tool_offset_mm: f64,
-    /// Maximum permissible error of length, as on a data sheet: "0.5+L/400" (um, L in mm)
+    /// Maximum permissible error of length, as on a data sheet: "0.5+L/400" (µm, L in mm)
     #[arg(long, conflicts_with_all = ["sphere", "runs"])]
     mpe: Option<String>,
     /// Limit of the repeatability range R0

@@ -22,7 +22,7 @@ use std::convert::Infallible;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// What interpolation may miss where neither a step nor an error is asked for (um, urad): less than corrected errors are uncertain
+/// What interpolation may miss where neither a step nor an error is asked for (µm, µrad): less than corrected errors are uncertain
 /// by.
 const DEFAULT_WITHIN_UM: f64 = 0.1;
 /// Nodes of the largest grid that is written.
@@ -50,7 +50,7 @@ pub(crate) struct Arguments {
     /// Largest step between nodes
     #[arg(long, conflicts_with = "within_um")]
     step_mm: Option<f64>,
-    /// Choose the step so that interpolation misses the model by at most this (um; angles likewise in urad); 0.1, if no step is
+    /// Choose the step so that interpolation misses the model by at most this (µm; angles likewise in µrad); 0.1, if no step is
     /// given
     #[arg(long)]
     within_um: Option<f64>,
@@ -101,10 +101,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
     for words in about.not_measured(format) {
-        eprintln!("abbe: warning: {}: {words}", arguments.out.display());
+        eprintln!("abbe: warning: {}: {}", arguments.out.display(), with_signs(&words));
     }
     for what in about.left_out(format) {
-        eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
+        eprintln!(
+            "abbe: {}: not in this table, and not corrected by it: {}",
+            arguments.out.display(),
+            with_signs(what)
+        );
     }
     print_words(arguments, format, &files);
     Next::new(
@@ -224,7 +228,7 @@ fn of_functions(
         let finest_mm = longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS);
         ensure!(!is_asked, "--within-um {within_um}: no step down to {finest_mm:.4} mm does that; ask for more");
         bail!(
-            "{}: no step down to {finest_mm:.4} mm misses the model by {within_um} um or less, which is asked for by default; ask for more \
+            "{}: no step down to {finest_mm:.4} mm misses the model by {within_um} µm or less, which is asked for by default; ask for more \
              with --within-um, or for a step with --step-mm",
             format.name
         )
@@ -234,7 +238,7 @@ fn of_functions(
     let ((missed_m, _), largest_m) = (finest.missed(), largest_m(&finest));
     ensure!(
         missed_m < 0.5 * largest_m,
-        "{}: at the nodes that it holds ({most} of an axis) interpolation misses {:.3} um of errors of at most {:.3} um: such a table \
+        "{}: at the nodes that it holds ({most} of an axis) interpolation misses {:.3} µm of errors of at most {:.3} µm: such a table \
          corrects nothing; correct with abbe correct, or ask for a step with --step-mm",
         format.name,
         missed_m * 1e6,
@@ -313,13 +317,18 @@ fn wanted_um(arguments: &Arguments) -> Option<f64> {
 }
 
 /// What the files say of the step and what interpolation misses, or of what factors leave.
-fn missed_words(files: &[ExportedFile]) -> Option<&str> {
+fn missed_words(files: &[ExportedFile]) -> Option<String> {
     ["interpolation: ", "fit: "].into_iter().find_map(|label| head_words(files, label).next())
 }
 
 /// What stands behind a label in the heads of the files.
-fn head_words<'a>(files: &'a [ExportedFile], label: &'a str) -> impl Iterator<Item = &'a str> {
-    files.iter().flat_map(|file| file.text.lines()).filter_map(move |line| line.split(label).nth(1))
+fn head_words<'a>(files: &'a [ExportedFile], label: &'a str) -> impl Iterator<Item = String> + 'a {
+    files.iter().flat_map(|file| file.text.lines()).filter_map(move |line| line.split(label).nth(1)).map(with_signs)
+}
+
+/// Words of a table's head, which is ASCII since controllers take nothing else, with the signs that a terminal has.
+fn with_signs(words: &str) -> String {
+    words.replace(" um", " µm").replace(" urad", " µrad")
 }
 
 /// Where the tables go beyond what was measured: they reach over the whole stroke.
@@ -342,7 +351,7 @@ fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
         let is_of_steps = !matches!(format.writer, Writer::Factors(_));
         let asked = wanted_um(arguments)
             .filter(|_| is_of_steps)
-            .map_or_else(String::new, |um| format!(" (asked for: {um} um)"));
+            .map_or_else(String::new, |um| format!(" (asked for: {um} µm)"));
         let most =
             format.most_points.map_or_else(String::new, |most| format!("; {most} nodes of an axis are the most"));
         let asked = asked + &most;

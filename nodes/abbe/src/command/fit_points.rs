@@ -94,7 +94,7 @@ pub(crate) struct Arguments {
     /// Model file to write
     #[arg(long)]
     out: PathBuf,
-    /// Standard uncertainty (k = 1) of each measured coordinate, where the file has no u_actual_um (um)
+    /// Standard uncertainty (k = 1) of each measured coordinate, where the file has no u_actual_um (µm)
     #[arg(long)]
     u_um: Option<f64>,
     /// Way to the minimum
@@ -443,7 +443,7 @@ fn print_words(
     println!("  model sha256      {sha256}");
     println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  residual          {} um rms, {} um at most, chi2 per degree of freedom {} with the declared uncertainties",
+        "  residual          {} µm rms, {} µm at most, χ² per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN)),
         digits::result(quality.chi2_per_dof)
@@ -467,7 +467,7 @@ fn print_words(
     let rejected = evidence["rejected"].as_array().map_or(&[] as &[Value], Vec::as_slice);
     for point in rejected.iter().take(MOST_SHOWN) {
         println!(
-            "  rejected          point {}: {} um off",
+            "  rejected          point {}: {} µm off",
             point["point"],
             digits::result(point["distance_um"].as_f64().unwrap_or(f64::NAN))
         );

@@ -111,7 +111,7 @@ pub fn spinner(what: &str) -> ProgressBar {
 /// One pass in words.
 pub(crate) fn progress_text(progress: &Progress) -> String {
     format!(
-        "pass {}, largest step {:.1e} of its uncertainty, chi2 per degree of freedom {:.3}",
+        "pass {}, largest step {:.1e} of its uncertainty, χ² per degree of freedom {:.3}",
         progress.pass, progress.largest_step, progress.chi2_per_dof
     )
 }
@@ -167,7 +167,7 @@ pub(crate) fn print_ram_turn(file: &ModelFile) {
     let turn = file.model.ram_turn();
     let [a, b, c] = turn.map(|(angle_rad, u_rad)| digits::with_uncertainty(angle_rad * 1e6, u_rad * 1e6).join(" ± "));
     let [x, y, z] = parts.offset_centre_m.map(|v| v * 1e3);
-    println!("  turn of the ram   A {a}, B {b}, C {c} urad (k = 1), about offset ({x:.1}, {y:.1}, {z:.1}) mm");
+    println!("  turn of the ram   A {a}, B {b}, C {c} µrad (k = 1), about offset ({x:.1}, {y:.1}, {z:.1}) mm");
     let told = turn.iter().zip(parts.machine.u_ram_turn_rad).all(|((_, u_rad), before)| *u_rad < TOLD * before);
     if !told {
         println!(
@@ -184,7 +184,7 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
     println!("  model sha256      {}", hex(sha256));
     println!("  readings          {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  range residual    {} um rms, chi2 per degree of freedom {} with the declared uncertainties",
+        "  range residual    {} µm rms, χ² per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(quality.chi2_per_dof)
     );
@@ -196,7 +196,7 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
     if file.instrument.common_per_metre > 0.0 {
         let per_metre_um = digits::result(file.instrument.common_per_metre * 1e6);
         println!(
-            "  common scale      {per_metre_um} um/m (k = 1) of all lengths, as declared, is in every uncertainty"
+            "  common scale      {per_metre_um} µm/m (k = 1) of all lengths, as declared, is in every uncertainty"
         );
     }
     if let Some(noise) = &evidence.noise {
@@ -246,7 +246,7 @@ fn next(arguments: &Arguments, found: &Identification) -> Next {
 fn print_rejected(rejected: &[RejectedReading]) {
     for reading in rejected.iter().take(MOST_SHOWN) {
         println!(
-            "  rejected          reading {} (station {}, line {}): {} um, {:.1} standard deviations",
+            "  rejected          reading {} (station {}, line {}): {} µm, {:.1} standard deviations",
             reading.reading,
             reading.station,
             reading.line,

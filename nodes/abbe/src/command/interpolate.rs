@@ -286,13 +286,13 @@ fn score_all(arguments: &Arguments, (field, lacks): (&MeasuredField, Lacks), spl
     );
     println!(
         "{:<12} {:>24} {:>24} {:>24} {:>22} {:>9}",
-        "method", "rmse_x_um", "rmse_y_um", "rmse_z_um", "R2 x/y/z", "answered"
+        "method", "rmse_x_um", "rmse_y_um", "rmse_z_um", "R² x/y/z", "answered"
     );
     for (method, total) in methods.iter().zip(&totals) {
         println!("{}", line(*method, total, lacks));
     }
     if totals.iter().any(|total| (0..3).any(|d| r2(total, d).is_some_and(|r2| r2 < 0.0))) {
-        println!("R2 below 0: the method answers worse than the mean of all vectors would: do not use it");
+        println!("R² below 0: the method answers worse than the mean of all vectors would: do not use it");
     }
     let next =
         Next::new("to have the errors at points of your own", "interpolate").file("--vectors", &arguments.vectors);

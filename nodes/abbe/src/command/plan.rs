@@ -222,7 +222,7 @@ fn progress_words(progress: &Progress) -> String {
     };
     let best = progress
         .best_m
-        .map_or_else(String::new, |best_m| format!(", {} um over the volume", digits::result(best_m * 1e6)));
+        .map_or_else(String::new, |best_m| format!(", {} µm over the volume", digits::result(best_m * 1e6)));
     format!("{what}, step {}{best}", progress.done)
 }
 

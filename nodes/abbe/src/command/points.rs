@@ -197,14 +197,14 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdic
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
     tips.print();
     println!(
-        "  range residual    {} um rms, chi2 per degree of freedom {}, {} degrees of freedom",
+        "  range residual    {} µm rms, χ² per degree of freedom {}, {} degrees of freedom",
         digits::result(residual_um),
         digits::result(solved.chi2_per_dof),
         solved.degrees
     );
     let [all, own, frame] = u_parts_m(solved).map(|u_m| digits::uncertainty(u_m * 1e6));
     println!(
-        "  uncertainty       {all} um (k = 1, rms of a component); {own} a point's own, the rest shared with other points by \
+        "  uncertainty       {all} µm (k = 1, rms of a component); {own} a point's own, the rest shared with other points by \
          stations and frame; of it the frame's noise {frame}"
     );
     println!("  frame             {FRAME}");
@@ -221,7 +221,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdic
     print!("{}", verdict::words(&verdict.findings));
     for pair in &solved.rejected {
         println!(
-            "  rejected          readings {} of station {}: they differ by {} um, limit {} um",
+            "  rejected          readings {} of station {}: they differ by {} µm, limit {} µm",
             numbers(&pair.readings),
             solved.names[pair.station],
             digits::result(pair.difference_m * 1e6),
@@ -233,7 +233,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, tips: &Tips, verdic
             "  rejected          readings {} of station {}: {} from what other stations say",
             numbers(&sight.readings),
             solved.names[sight.station],
-            sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{} um", digits::result(m * 1e6)))
+            sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{} µm", digits::result(m * 1e6)))
         );
     }
     print_unsolved(solved);

@@ -295,7 +295,7 @@ fn shared(
     let verdict = verdict::of_fit(chi2_per_dof, Some(counted));
     verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
     if let Some((chi2, _)) = chi2_per_dof {
-        notes.push(format!("stations agree to chi2 per degree of freedom {chi2:.2} of the declared noise"));
+        notes.push(format!("stations agree to χ² per degree of freedom {chi2:.2} of the declared noise"));
     }
     notes.push(match frame {
         Frame::Network => {
@@ -306,7 +306,7 @@ fn shared(
             format!("stations of the model, which may have taken up a part of what it lacks: {why}")
         }
     });
-    notes.extend(verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string())));
+    notes.extend(verdict.findings.iter().map(|finding| finding.to_string()));
     Ok(Some(Shared { points, notes }))
 }
 
@@ -348,7 +348,7 @@ fn ranges(
             readings.1
         ),
         format!(
-            "field of {} um (x y z) that changes over {} mm; evidence {evidence:.0}, noise {noise_without:.2} -> {:.2} of the declared",
+            "field of {} µm (x y z) that changes over {} mm; evidence {evidence:.0}, noise {noise_without:.2} → {:.2} of the declared",
             um(prior.amplitude_m),
             mm(prior.length_m),
             prior.noise
@@ -357,7 +357,7 @@ fn ranges(
             "{unseen_points} points left out and {unseen_components} components uncertain: beside the noise the ranges tell no more of them than the size of the field"
         ),
     ];
-    let findings = verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string()));
+    let findings = verdict.findings.iter().map(|finding| finding.to_string());
     Ok((points, notes.into_iter().chain(findings).collect()))
 }
 
@@ -383,5 +383,5 @@ fn vector(point: &PointResidual, row: &Row) -> ResidualVector {
 fn rms_note(points: &[PointResidual]) -> String {
     let square = points.iter().map(|p| p.residual_m.norm_squared()).sum::<f64>() / points.len().max(1) as f64;
     let most = points.iter().map(|p| p.residual_m.norm()).fold(0.0, f64::max);
-    format!("residual {} um rms, {} um at most", digits::result(square.sqrt() * 1e6), digits::result(most * 1e6))
+    format!("residual {} µm rms, {} µm at most", digits::result(square.sqrt() * 1e6), digits::result(most * 1e6))
 }

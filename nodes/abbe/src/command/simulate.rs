@@ -123,7 +123,7 @@ fn write_files(config: &SimulationConfig, seed: u64, (machine, out): (&Path, &Pa
 pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> anyhow::Result<SimulationConfig> {
     ensure!(
         (0.1..=1000.0).contains(&volumetric_um),
-        "--volumetric-um {volumetric_um}: give a raw volumetric error of 0.1 to 1000 um"
+        "--volumetric-um {volumetric_um}: give a raw volumetric error of 0.1 to 1000 µm"
     );
     let declared = Declared {
         stroke_m: machine.machine.stroke_m,

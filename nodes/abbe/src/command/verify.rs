@@ -151,7 +151,7 @@ fn worse(stages: &[Stage]) -> Option<String> {
     let [indicated, corrected] = [before, after].map(|stage| digits::result(stage.rms_um));
     (after.rms_um > before.rms_um * (1.0 + ROUNDING)).then(|| {
         format!(
-            "the correction makes the errors larger: {indicated} um rms indicated, {corrected} um rms corrected; do not correct with this model \
+            "the correction makes the errors larger: {indicated} µm rms indicated, {corrected} µm rms corrected; do not correct with this model \
              before it is known why: see whether points and model are of one machine in one state, and identify it anew"
         )
     })
@@ -218,7 +218,7 @@ fn print_words(points: &VerificationPoints, stages: &[Stage]) {
     };
     let pairs = stages.first().map_or(0, |stage| stage.lengths.pairs);
     println!(
-        "{} points, {extrapolated} extrapolated{lacking}; 3-D error after rigid alignment, and length error of {pairs} pairs (um; L in mm):",
+        "{} points, {extrapolated} extrapolated{lacking}; 3-D error after rigid alignment, and length error of {pairs} pairs (µm; L in mm):",
         points.rows.len()
     );
     for Stage { name, rms_um, max_um, lengths, .. } in stages {

@@ -320,26 +320,26 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
         let [error, u] = digits::with_uncertainty(largest.error_m.norm() * 1e6, expanded_m(largest) * 1e6);
         let (rms, points, outside) = (digits::result(answer.rms_m() * 1e6), answer.map.len(), answer.extrapolated());
         println!(
-            "  volumetric error  {error} +- {u} um (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} um rms over {points} \
+            "  volumetric error  {error} ± {u} µm (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} µm rms over {points} \
              points, {outside} extrapolated"
         );
     }
     if let Some((rms_m, largest_m)) = answer.aligned_m() {
         let [largest, rms] = [largest_m, rms_m].map(|value_m| digits::result(value_m * 1e6));
         println!(
-            "  aligned           {largest} um at most, {rms} um rms: without the shift and turn of the whole, {ALIGNED}"
+            "  aligned           {largest} µm at most, {rms} µm rms: without the shift and turn of the whole, {ALIGNED}"
         );
     }
     for (diagonal, points) in &answer.diagonals {
         if let Some((deviation_m, u_m)) = extreme(points) {
             let [deviation, u] = digits::with_uncertainty(deviation_m * 1e6, u_m * 1e6);
             let (name, bound) = (diagonal.name(), lower_bound(points));
-            println!("  diagonal {name}      {deviation} +- {u} um (k = 2) at most{bound}");
+            println!("  diagonal {name}      {deviation} ± {u} µm (k = 2) at most{bound}");
         }
     }
     for comparison in &answer.comparisons {
         println!(
-            "  measured {}      differs by {} um at most; {} of {} targets outside the 95 % interval{}",
+            "  measured {}      differs by {} µm at most; {} of {} targets outside the 95 % interval{}",
             comparison.measured.diagonal.name(),
             digits::result(comparison.largest_difference_m() * 1e6),
             comparison.outside(),

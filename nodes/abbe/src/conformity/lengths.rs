@@ -118,8 +118,8 @@ fn lead(errors: &LengthErrors) -> String {
 pub(crate) fn supported_text(limit: &SupportedLimit) -> String {
     let constant = rounded_up(limit.constant_m * 1e6);
     match limit.per_metre {
-        0.0 => format!("{constant} um"),
-        slope => format!("{constant} + L/{:.0} um", (1e-3 / slope + 1e-6).floor()),
+        0.0 => format!("{constant} µm"),
+        slope => format!("{constant} + L/{:.0} µm", (1e-3 / slope + 1e-6).floor()),
     }
 }
 
@@ -131,7 +131,7 @@ fn rounded_up(constant_um: f64) -> String {
 /// Words for the terminal.
 pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
     let symbol = errors.test.symbol();
-    let mut text = format!("{symbol}: {}\n", lead(errors).replace('−', "-"));
+    let mut text = format!("{symbol}: {}\n", digits::taken(&lead(errors)));
     text.push_str(&limit_words(errors, limits, rule)?);
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -156,12 +156,12 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
     let (largest, line, length_m) = errors.largest();
     let _ = writeln!(
         text,
-        "  largest error  {} um at {:.4} mm on {line}",
+        "  largest error  {} µm at {:.4} mm on {line}",
         digits::result(um(largest.metres())),
         length_m * 1e3
     );
     if let Some(range) = errors.repeatability() {
-        let _ = writeln!(text, "  R0             {} um", digits::result(um(range.metres())));
+        let _ = writeln!(text, "  R0             {} µm", digits::result(um(range.metres())));
     }
     let frontier = errors.frontier()?;
     let _ = writeln!(
@@ -191,7 +191,7 @@ fn limit_words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> a
     );
     let enough = match enough(errors, limit, rule)? {
         Enough::Limit(SupportedLimit { constant_m, per_metre }) => format!(
-            "with its K, A = {} um would do; with its A, {}",
+            "with its K, A = {} µm would do; with its A, {}",
             rounded_up(um(constant_m)),
             match per_metre {
                 0.0 => "no L/K is needed".to_owned(),
@@ -199,13 +199,13 @@ fn limit_words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> a
             }
         ),
         Enough::LargestValue(needed_m) => {
-            format!("its largest value would have to be {} um, whatever A and K", rounded_up(um(needed_m)))
+            format!("its largest value would have to be {} µm, whatever A and K", rounded_up(um(needed_m)))
         }
     };
     let _ = writeln!(text, "                 {enough}");
     let _ = writeln!(text, "                 {}", rule.words());
     if let (Some(verdict), Some(limit)) = (verdict.repeatability, limits.repeatability) {
-        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
+        let _ = writeln!(text, "  R0,MPL         {:.3} µm: {}", um(limit.metres()), verdict_in_words(verdict));
         let _ = writeln!(text, "                 {}", repeatability_rule());
     }
     Ok(text)

@@ -90,7 +90,7 @@ fn axis_departures(axes: &[AxisFigures]) -> Vec<Departure> {
 }
 
 fn words(path: &Path, axes: &[AxisFigures], diagonals: Option<&DiagonalFigures>) -> String {
-    let mut text = format!("{}: deviation = actual - target, um\n", path.display());
+    let mut text = format!("{}: deviation = actual - target, µm\n", path.display());
     let along = diagonals.map_or(&[][..], |d| d.diagonals.as_slice());
     // Writing to a string cannot fail.
     let heads: String = FIGURES.iter().map(|name| format!(" {name:>8}")).collect();

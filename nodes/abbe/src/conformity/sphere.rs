@@ -130,10 +130,10 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
     let mut text = format!("{}\n", path.display());
     // Writing to a string cannot fail.
     for row in rows {
-        let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{} um", digits::result(um(v))));
+        let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{} µm", digits::result(um(v))));
         let _ = write!(text, "  {} ({})  {value}", row.names[0], row.names[1]);
         if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
-            let _ = write!(text, ", limit {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
+            let _ = write!(text, ", limit {:.3} µm: {}", um(limit.metres()), verdict_in_words(verdict));
         }
         text.push('\n');
     }

@@ -71,7 +71,7 @@ pub(super) fn data(facts: &Facts) -> anyhow::Result<DemoReport> {
 
 /// A short summary on standard output: the answer first.
 pub(super) fn print(data: &DemoReport, out: &Path, next: &Next) {
-    println!("3-D error at {} points that took no part in any fit (um):", data.verification.len());
+    println!("3-D error at {} points that took no part in any fit (µm):", data.verification.len());
     for (state, errors) in data.errors_by_state_um() {
         let [rms, max] = [rms(&errors), max_abs(&errors)].map(|um| um.map_or_else(|| "-".to_owned(), digits::result));
         println!("  {state:<15} rms {rms:>6}  max {max:>6}");

@@ -3,7 +3,6 @@
 //! Place in the flow: last. Until everything is made, the output folder is not touched.
 
 use super::{Product, targets};
-use crate::verdict::in_words;
 use abbe_files::AtomicFile;
 use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, is_held_already, readable};
 use abbe_report::digits;
@@ -50,22 +49,22 @@ pub(crate) fn write(folder: &Path, product: &Product, json: &str) -> anyhow::Res
 
 /// The summary for a terminal.
 pub(crate) fn words(record: &Record, folder: &Path) -> String {
-    let mut text = format!("{}\n\n", in_words(&record.verdict));
+    let mut text = format!("{}\n\n", digits::taken(&record.verdict));
     let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), digits::result);
     let mut line = |name: &str, before: Option<f64>, after: Option<f64>, unit: &str| {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "  {name:<44} {:>9} -> {:>9} {unit}", number(before), number(after));
+        let _ = writeln!(text, "  {name:<44} {:>9} → {:>9} {unit}", number(before), number(after));
     };
     let (b, a) = (&record.before, &record.after);
-    line("error on data left out, rms", b.held_out_rms_um, a.held_out_rms_um, "um");
+    line("error on data left out, rms", b.held_out_rms_um, a.held_out_rms_um, "µm");
     if record.verification.is_some() {
-        line("verification error, rms", b.verify_rms_um, a.verify_rms_um, "um");
-        line("verification error, largest", b.verify_max_um, a.verify_max_um, "um");
+        line("verification error, rms", b.verify_rms_um, a.verify_rms_um, "µm");
+        line("verification error, largest", b.verify_max_um, a.verify_max_um, "µm");
     }
-    line("residual of the fit, rms", b.residual_rms_um, a.residual_rms_um, "um");
+    line("residual of the fit, rms", b.residual_rms_um, a.residual_rms_um, "µm");
     // Without declared uncertainties there is none.
     if b.chi2_per_dof.is_some() || a.chi2_per_dof.is_some() {
-        line("chi2 per degree of freedom", b.chi2_per_dof, a.chi2_per_dof, "");
+        line("χ² per degree of freedom", b.chi2_per_dof, a.chi2_per_dof, "");
     }
     if let Some(v) = record.verification.as_ref().filter(|v| v.covariate_missing > 0) {
         let _ = writeln!(text, "  {} of {} verification points lack a covariate", v.covariate_missing, v.points);
@@ -114,7 +113,7 @@ fn describe(text: &mut String, effect: &Effect) {
             Some(limit) if !parameter.is_plausible => format!("  NOT plausible: beyond {limit:.0} {unit}"),
             _ => String::new(),
         };
-        let _ = writeln!(text, "    {:<18} {} +- {} {unit}{limit}", parameter.name, shown(value), shown(u));
+        let _ = writeln!(text, "    {:<18} {} ± {} {unit}{limit}", parameter.name, shown(value), shown(u));
     }
     for words in &effect.predicts.not_judged {
         let _ = writeln!(text, "    {words}");

@@ -8,7 +8,7 @@ use abbe_report::{diagnosis as shown, digits};
 use serde_json::json;
 use std::collections::BTreeMap;
 
-const GAIN_UNIT: &str = "reduction of the rms on blocks left out, in um";
+const GAIN_UNIT: &str = "reduction of the rms on blocks left out, in µm";
 
 /// Everything but the pictures.
 pub(super) fn record(
@@ -91,7 +91,7 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
 fn hangs_together(noise: &library::SeriesNoise) -> Option<String> {
     let found = noise.neighbours.filter(|found| found.interval.0 > 0.0)?;
     Some(format!(
-        " The noise of {} is {} um a row, and neighbours in order of measurement correlate by {:.2} (95 %: {:.2} to {:.2}): a drift \
+        " The noise of {} is {} µm a row, and neighbours in order of measurement correlate by {:.2} (95 %: {:.2} to {:.2}): a drift \
          or a jump as slow as that would look the same.",
         noise.of,
         two_digits(noise.sigma_um),
@@ -115,7 +115,7 @@ fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
     let mut notes = diagnosis.notes.clone();
     notes.extend(diagnosis.looked.iter().map(|own| format!("Looked at: {}.", look(own))));
     notes.extend(diagnosis.noise.iter().map(|noise| {
-        let of = format!("Noise of {}: {} um a row over {} rows", noise.of, digits::result(noise.sigma_um), noise.rows);
+        let of = format!("Noise of {}: {} µm a row over {} rows", noise.of, digits::result(noise.sigma_um), noise.rows);
         match noise.neighbours {
             None => format!("{of}; too few to tell a correlation."),
             Some(found) => format!(
@@ -127,7 +127,7 @@ fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
     }));
     notes.extend(diagnosis.rejected.iter().map(|row| {
         format!(
-            "Rejected: {}, {} um off, {:.0} standard deviations.",
+            "Rejected: {}, {} µm off, {:.0} standard deviations.",
             row.name,
             digits::result(row.residual_um),
             row.deviations
@@ -235,10 +235,10 @@ fn detection(diagnosis: &library::StudyDiagnosis) -> shown::Both<shown::Detectio
 }
 
 fn words(judgement: &library::Judgement, replicates: Option<&str>, p: Option<f64>) -> String {
-    let scatter = format!("The residual is {} um rms", digits::result(judgement.rms_um));
+    let scatter = format!("The residual is {} µm rms", digits::result(judgement.rms_um));
     let declared = match judgement.chi2_per_dof {
         Some(chi2) => {
-            format!("{scatter}, chi2 per degree of freedom {} with the declared uncertainties", digits::result(chi2))
+            format!("{scatter}, χ² per degree of freedom {} with the declared uncertainties", digits::result(chi2))
         }
         None => format!("{scatter}; no uncertainties are declared"),
     };
@@ -255,7 +255,7 @@ fn steps(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
         let added = rung.added.as_ref()?;
         let p = rung.p_value.map_or_else(String::new, |p| format!(", probability by chance {}", digits::chance(p)));
         Some(format!(
-            "added {added}{p}: error on blocks left out {} um (the choice of effects saw them)",
+            "added {added}{p}: error on blocks left out {} µm (the choice of effects saw them)",
             digits::result(rung.judgement.held_out.rms_um)
         ))
     };

@@ -58,9 +58,9 @@ fn figure(number: f64) -> String {
 /// An uncertainty of a parameter, or what it is found from, in the unit of readers.
 fn size_words(value: f64, unit: &str) -> String {
     match unit {
-        "m" => format!("{} um", digits::uncertainty(value * 1e6)),
-        "rad" => format!("{} urad", digits::uncertainty(value * 1e6)),
-        "m/s" => format!("{} um/h", digits::uncertainty(value * 1e6 * 3600.0)),
+        "m" => format!("{} µm", digits::uncertainty(value * 1e6)),
+        "rad" => format!("{} µrad", digits::uncertainty(value * 1e6)),
+        "m/s" => format!("{} µm/h", digits::uncertainty(value * 1e6 * 3600.0)),
         other => {
             let (factor, unit) = readable_unit(other);
             format!("{} {unit}", digits::uncertainty(value * factor))
@@ -124,19 +124,19 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     );
     line("time", time_words(sources, plan));
     if let Some(before) = &plan.before {
-        line("measured before", format!("{} um (k = 1)", um(before.u_m)));
+        line("measured before", format!("{} µm (k = 1)", um(before.u_m)));
     }
     let [x, y, z] = promise.u_axis_m.map(um);
     line(
         "corrected points",
-        format!("{} um (k = 1, in space, rms over the volume); X {x}, Y {y}, Z {z} um", um(promise.u_m)),
+        format!("{} µm (k = 1, in space, rms over the volume); X {x}, Y {y}, Z {z} µm", um(promise.u_m)),
     );
-    line("of the model alone", format!("{} um, without the repeatability of one approach", um(promise.u_model_m)));
+    line("of the model alone", format!("{} µm, without the repeatability of one approach", um(promise.u_model_m)));
     let (largest_m, at_m) = promise.largest_m;
     let [x, y, z] = at_m.map(|v| v * 1e3);
-    line("largest", format!("{} um at X {x:.0}, Y {y:.0}, Z {z:.0} mm", um(largest_m)));
+    line("largest", format!("{} µm at X {x:.0}, Y {y:.0}, Z {z:.0} mm", um(largest_m)));
     let [half, twice] = plan.if_bent_m.map(um);
-    line("if errors bend", format!("half as much {half} um, twice as much {twice} um"));
+    line("if errors bend", format!("half as much {half} µm, twice as much {twice} µm"));
     for wish in &sources.request.tell {
         let shape = shape_in_words(&wish.shape);
         let shape = if shape.is_empty() { shape } else { format!(" ({shape})") };
@@ -201,11 +201,11 @@ fn stations_table(plan: &Plan, text: &mut String) {
 fn errors_table(promise: &Promise, text: &mut String) {
     let _ = writeln!(text, "\n  {:<8}{:>10}{:>10}", "error", "u rms", "u largest");
     for error in &promise.errors {
-        let unit = if error.is_angle { "urad" } else { "um" };
+        let unit = if error.is_angle { "µrad" } else { "µm" };
         let _ = writeln!(text, "  {:<8}{:>10}{:>10} {unit}", error.name, um(error.u_rms), um(error.u_largest));
     }
     for (name, u_rad) in &promise.squareness {
-        let _ = writeln!(text, "  {name:<8}{:>10}{:>10} urad", um(*u_rad), "");
+        let _ = writeln!(text, "  {name:<8}{:>10}{:>10} µrad", um(*u_rad), "");
     }
     text.push('\n');
 }

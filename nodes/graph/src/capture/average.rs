@@ -48,14 +48,14 @@ pub(super) enum NoReading {
     Few(usize, usize),
     #[error("no length came for {0:.2} s while the machine stood: the beam was lost, or the connection")]
     Pause(f64),
-    #[error("{0} of {1} lengths are far from the others, by up to {2:.1} um: the beam was disturbed")]
+    #[error("{0} of {1} lengths are far from the others, by up to {2:.1} µm: the beam was disturbed")]
     Gross(usize, usize, f64),
     #[error(
-        "the length drifted by {0:.2} um while the scales stood still, and {1:.2} um are allowed (lengths.creep_um); let it settle longer"
+        "the length drifted by {0:.2} µm while the scales stood still, and {1:.2} µm are allowed (lengths.creep_um); let it settle longer"
     )]
     Drift(f64, f64),
     #[error(
-        "a single length scatters by {0:.2} um, and {1:.2} um are allowed (lengths.scatter_um); something vibrates, or the air moves"
+        "a single length scatters by {0:.2} µm, and {1:.2} µm are allowed (lengths.scatter_um); something vibrates, or the air moves"
     )]
     Scatter(f64, f64),
     #[error(

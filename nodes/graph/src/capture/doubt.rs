@@ -138,7 +138,7 @@ impl Capturer {
         let (point, station) = (reading.point, self.planned.line(reading.point).station);
         let (off_m, u_m) = reading.off_m.unwrap_or_default();
         let mut why = format!(
-            "{} differs by {:+.1} um from what the readings before say (standard uncertainty {:.1} um)",
+            "{} differs by {:+.1} µm from what the readings before say (standard uncertainty {:.1} µm)",
             self.planned.words(point),
             off_m * 1e6,
             u_m * 1e6
@@ -166,7 +166,7 @@ impl Capturer {
             _ if count >= TOO_MANY && explained.is_empty() => told.push(Told::Warning(format!(
                 "{why}. {count} readings in a row agree neither with those before nor with one another as after a jump of the zero: \
                  stop the machine; see that x, y, z, offset and length belong together and that tracer and reflector sit \
-                 firmly. If the machine errs by more than {} um, write it into check.raw_error_um",
+                 firmly. If the machine errs by more than {} µm, write it into check.raw_error_um",
                 self.config.check.raw_error_um
             ))),
             _ => told.push(Told::Warning(format!(
@@ -178,7 +178,7 @@ impl Capturer {
     /// These readings, and all that follow from this station, count from another zero of the tracer.
     fn begin_zero(&mut self, station: usize, points: Vec<usize>, jump_m: f64, told: &mut Vec<Told>) {
         let why = format!(
-            "the zero of the tracer jumped by {:+.1} um at {}: the beam was broken, or the tracer moved; what follows is kept as a \
+            "the zero of the tracer jumped by {:+.1} µm at {}: the beam was broken, or the tracer moved; what follows is kept as a \
              station of its own",
             jump_m * 1e6,
             self.planned.words(points.first().copied().unwrap_or_default())

@@ -247,7 +247,7 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
 fn degraded(health: &Health) -> String {
     let times = health.mean_square.map(f64::sqrt);
     let size = match (health.rms_m, times) {
-        (Some(rms_m), Some(times)) => format!(" ({:.3} um rms, {times:.1} times as large)", rms_m * 1e6),
+        (Some(rms_m), Some(times)) => format!(" ({:.3} µm rms, {times:.1} times as large)", rms_m * 1e6),
         _ => String::new(),
     };
     let cause = match times {
@@ -300,7 +300,7 @@ mod tests {
             unpredicted: 0,
         };
         let little = degraded(&health(1.44, 0.36e-6));
-        assert!(little.contains("(0.360 um rms, 1.2 times as large): the model lacks something"), "{little}");
+        assert!(little.contains("(0.360 µm rms, 1.2 times as large): the model lacks something"), "{little}");
         let another = degraded(&health(7e11, 0.248));
         assert!(
             another.contains("more than a machine changes") && another.contains("that of this machine"),

@@ -111,7 +111,7 @@ impl Record {
                     false => ("less", "the noise is smaller than declared"),
                 };
                 return format!(
-                    "No structure that noise lacks, but {size} scatter than declared (chi2 per degree of freedom {}): {cause}.",
+                    "No structure that noise lacks, but {size} scatter than declared (χ² per degree of freedom {}): {cause}.",
                     significant(chi2_per_dof, 3)
                 );
             }
@@ -253,7 +253,7 @@ mod tests {
     fn regress_a_page_without_tests_of_the_noise_says_what_was_looked_at_and_found() {
         let mut clean = Record { consistent_with_noise: true, ..record() };
         clean.detection.before.used = 432;
-        clean.detection.before.words = "The residual is 0.4 um rms.".to_owned();
+        clean.detection.before.words = "The residual is 0.4 µm rms.".to_owned();
         let page = |record: &Record| {
             let identity = Default::default();
             let report =

@@ -64,7 +64,7 @@ fn rotary(runs: &[Run]) -> Vec<String> {
     let told = |axis: &str| {
         format!(
             "Axis {axis} is a rotary one by its name, and runs are taken for those of a linear one: where degrees stand in the columns of \
-             millimetres, read degrees for mm and thousandths of a degree for um. No model of it corrects a machine."
+             millimetres, read degrees for mm and thousandths of a degree for µm. No model of it corrects a machine."
         )
     };
     axes.into_iter().map(told).collect()

@@ -109,7 +109,7 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
             "expansion",
             Explanation::Attributed,
             vec![sensor.clone()],
-            "e = alpha (T - 20 C) x + shift (T - 20 C); steel 11-12 um/(m K)",
+            "e = alpha (T - 20 C) x + shift (T - 20 C); steel 11-12 µm/(m K)",
         ),
         Shape::Periodic(period_m) => (
             format!("periodic error, period {:.4} mm", period_m * 1e3),

@@ -84,7 +84,7 @@ fn held(path: &Path, read: &PlaneField, kriging: AveragedKriging, judgement: &Ju
         ));
     }
     if let Some(noise_m) = judgement.taken_for_noise_m {
-        let of = |axis: &Axis| format!("{} {} um", axis.lower(), digits::result(noise_m[axis.index()] * UM));
+        let of = |axis: &Axis| format!("{} {} µm", axis.lower(), digits::result(noise_m[axis.index()] * UM));
         let noise: Vec<String> = axes.iter().map(of).collect();
         warnings.push(format!(
             "{file}: no uncertainty u is declared. What neighbouring vectors differ by ({}, k = 1) is taken for noise of theirs, and u of the answers is \
@@ -134,7 +134,7 @@ impl Held {
 fn text(read: &PlaneField, one: &LeftOut) -> String {
     let [x, y, z] = <[f64; 3]>::from(read.field.points_m()[one.index] * 1e3);
     format!(
-        "line {} ({x:.3} {y:.3} {z:.3}) mm: {} is {:+.3} um off, {:.0} u",
+        "line {} ({x:.3} {y:.3} {z:.3}) mm: {} is {:+.3} µm off, {:.0} u",
         read.lines[one.index],
         one.axis(),
         one.off_m * UM,

@@ -84,8 +84,7 @@ fn figures(page: &Page) -> Section {
 fn limits(page: &Page) -> Vec<Section> {
     let warning = |tone, title: &str, text: String| Section::Callout(Callout { tone, title: title.to_owned(), text });
     let mut list: Vec<Section> = Vec::new();
-    let worse = page.worse.iter().map(|text| text.replace(" um ", " µm "));
-    list.extend(worse.map(|text| warning(Tone::Bad, "The correction makes it worse", format!("{text}."))));
+    list.extend(page.worse.iter().map(|text| warning(Tone::Bad, "The correction makes it worse", format!("{text}."))));
     let tone = if page.inside == 0 { Tone::Bad } else { Tone::Warning };
     list.extend(
         page.outside.iter().map(|text| warning(tone, "Not all points are inside what was measured", text.clone())),

@@ -61,7 +61,7 @@ fn failed(error: impl std::fmt::Display) -> PaperError {
 }
 
 fn text(u: &[f64; 6]) -> String {
-    format!("u = {:.2}, {:.2}, {:.2} um; {:.2}, {:.2}, {:.2} arcsec", u[0], u[1], u[2], u[3], u[4], u[5])
+    format!("u = {:.2}, {:.2}, {:.2} µm; {:.2}, {:.2}, {:.2} arcsec", u[0], u[1], u[2], u[3], u[4], u[5])
 }
 
 pub(super) fn figures() -> Result<Vec<Figure>, PaperError> {
@@ -78,7 +78,7 @@ pub(super) fn figures() -> Result<Vec<Figure>, PaperError> {
         figures.push(row(
             what,
             text(&u),
-            "1 um in each coordinate of a point (k = 1), one reading at the lowest position and one here",
+            "1 µm in each coordinate of a point (k = 1), one reading at the lowest position and one here",
             None,
         ));
     }
@@ -91,7 +91,7 @@ pub(super) fn figures() -> Result<Vec<Figure>, PaperError> {
         figures.push(row(
             what,
             text(&u),
-            "tracker of 0.5 um + 0.5 um/m along the beam, 5 um + 2 um/m across it (k = 1, assumed)",
+            "tracker of 0.5 µm + 0.5 µm/m along the beam, 5 µm + 2 µm/m across it (k = 1, assumed)",
             None,
         ));
     }

@@ -70,7 +70,7 @@ pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
         ),
         Figure {
             place: PLACE,
-            what: "uncertainty at which half of the runs stay within 0.74 arcsec, range and across the beam at 2.5 m (um, k = 1)"
+            what: "uncertainty at which half of the runs stay within 0.74 arcsec, range and across the beam at 2.5 m (µm, k = 1)"
                 .to_owned(),
             published: None,
             reproduced: format!(

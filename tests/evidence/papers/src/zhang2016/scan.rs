@@ -54,7 +54,7 @@ pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
             what: "largest error of the diameter in five poses (mm), scanned points".to_owned(),
             published: Some(format!("{published:.4}")),
             reproduced: format!(
-                "{} from 15 um of noise and the machine; {} where the probe reads 30 um too much at 60 degrees",
+                "{} from 15 µm of noise and the machine; {} where the probe reads 30 µm too much at 60 degrees",
                 interval(&noisy, |run| run.diameter),
                 interval(&slanted, |run| run.diameter)
             ),

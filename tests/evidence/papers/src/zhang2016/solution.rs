@@ -85,7 +85,7 @@ fn free_length() -> Result<Figure, PaperError> {
         place: "eq. 14",
         what: "length of R_p, and T_p along z (mm) where that length is left free".to_owned(),
         published: Some(format!("1.000000 (to rounding), {:.6}", EQ_14[8])),
-        reproduced: format!("{length:.6} +- {u} (k = 1), {:.6}", pose.zero_m.z * 1e3),
+        reproduced: format!("{length:.6} ± {u} (k = 1), {:.6}", pose.zero_m.z * 1e3),
         how: "least squares on table 2, nine unknowns, R_p free; u from the scatter within and between poses"
             .to_owned(),
         verdict: Verdict::DoesNotFollow,
@@ -103,7 +103,7 @@ fn ten_unknowns(ten: &[f64; 9], rounding: &[f64; 9]) -> Result<Figure, PaperErro
         place: "eq. 14",
         what: "all nine figures, from ten unknowns".to_owned(),
         published: Some(format!("S_0 y {:.6}, T_p y {:.6}", EQ_14[1], EQ_14[7])),
-        reproduced: format!("S_0 y {:.6}, T_p y {:.6}; axis offset {offset_mm:.4} +- {u_mm:.2} mm (k = 1)", ten[1], ten[7]),
+        reproduced: format!("S_0 y {:.6}, T_p y {:.6}; axis offset {offset_mm:.4} ± {u_mm:.2} mm (k = 1)", ten[1], ten[7]),
         how: "least squares on table 2 with an offset of the A axis from the C axis along y as a tenth unknown, which the paper \
               does not mention"
             .to_owned(),

@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "gain of A",
-    formula: "theta_A -> theta_A (1 + g)",
-    typical: "10-1000 urad at 1 rad",
+    formula: "theta_A → theta_A (1 + g)",
+    typical: "10-1000 µrad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning EAA); ISO 230-2",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at more A angles, at least five over the whole range: a gain is straight in the angle, a sag is a sine",

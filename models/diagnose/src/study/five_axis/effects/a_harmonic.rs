@@ -11,7 +11,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 pub(super) const KNOWN: Known = Known {
     name: "harmonic of A with",
     formula: "shift = s sin(theta_A) + c (1 - cos(theta_A)) along machine x, y or z",
-    typical: "10-1000 um",
+    typical: "10-1000 µm",
     source: "none: it describes, it does not explain",
     kind: Explanation::Empirical,
     decided_by: "measure the sphere at more A angles, evenly over the whole range",

@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "tilt of A",
-    formula: "R_A -> E(t) R_A E(t)^T, t a small rotation about y or z of the fork",
-    typical: "10-1000 urad",
+    formula: "R_A → E(t) R_A E(t)^T, t a small rotation about y or z of the fork",
+    typical: "10-1000 µrad",
     source: "ISO 230-1:2012 (orientation of a rotary axis, EB0A and EC0A)",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles with A at both signs, up to half a turn of C",

@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "zero of A",
-    formula: "theta_A -> theta_A + z",
-    typical: "10-1000 urad",
+    formula: "theta_A → theta_A + z",
+    typical: "10-1000 µrad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EA0A)",
     kind: Explanation::Attributed,
     decided_by: "measure with a probe or test mandrel whose direction is calibrated apart from the machine",

@@ -12,7 +12,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 pub(super) const KNOWN: Known = Known {
     name: "offset of A from C along",
     formula: "q = Q + R_C (o + R_A (d R_p + T_p)), o the offset in the frame that C turns",
-    typical: "10-1000 um",
+    typical: "10-1000 µm",
     source: "ISO 230-1:2012 (position of a rotary axis, EY0A against EY0C)",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at C = 0 and 180 degrees with A = 0, and at A = +90 and -90 degrees with C = 0",

@@ -9,8 +9,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "gain of C",
-    formula: "theta_C -> theta_C (1 + g)",
-    typical: "10-1000 urad at 1 rad",
+    formula: "theta_C → theta_C (1 + g)",
+    typical: "10-1000 µrad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning ECC); ISO 230-2",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles, up to half a turn either way, with the head tilted",

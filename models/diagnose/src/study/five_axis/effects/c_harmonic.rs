@@ -11,7 +11,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 pub(super) const KNOWN: Known = Known {
     name: "harmonic of C with",
     formula: "shift = s sin(theta_C) + c (1 - cos(theta_C)) along machine x, y or z",
-    typical: "10-1000 um",
+    typical: "10-1000 µm",
     source: "none: it describes, it does not explain",
     kind: Explanation::Empirical,
     decided_by: "measure the sphere at more C angles, evenly over the whole range",

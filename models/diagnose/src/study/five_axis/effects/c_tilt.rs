@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "tilt of C",
-    formula: "R_C -> E(t) R_C E(t)^T, t a small rotation about x or y of the machine",
-    typical: "10-1000 urad",
+    formula: "R_C → E(t) R_C E(t)^T, t a small rotation about x or y of the machine",
+    typical: "10-1000 µrad",
     source: "ISO 230-1:2012 (orientation of a rotary axis, EA0C and EB0C)",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles, up to half a turn either way, with A level and at both signs",

@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "zero of C",
-    formula: "theta_C -> theta_C + z",
-    typical: "10-1000 urad",
+    formula: "theta_C → theta_C + z",
+    typical: "10-1000 µrad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EC0C)",
     kind: Explanation::Attributed,
     decided_by: "square the A axis to X with an indicator on the fork while A turns, without any probe on the head",

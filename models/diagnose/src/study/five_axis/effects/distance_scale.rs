@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "scale of the probe's distance",
-    formula: "d -> d (1 + s)",
-    typical: "100-1000 um/m",
+    formula: "d → d (1 + s)",
+    typical: "100-1000 µm/m",
     source: "data sheets of laser probes (linearity)",
     kind: Explanation::Attributed,
     decided_by: "calibrate the probe against a step gauge or an interferometer along its beam",

@@ -10,8 +10,8 @@ use crate::study::five_axis::chain::{Acts, Pose};
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "sag of the head",
-    formula: "theta_A -> theta_A + k sin(theta_A)",
-    typical: "10-500 urad",
+    formula: "theta_A → theta_A + k sin(theta_A)",
+    typical: "10-500 µrad",
     source: "moment of the weight over an elastic drive; ISO 230-1:2012, annex on deformation",
     kind: Explanation::Attributed,
     decided_by: "measure the sphere at more A angles, at least five over the whole range: a gain is straight in the angle, a sag is a sine",

@@ -10,7 +10,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 pub(super) const KNOWN: Known = Known {
     name: "scale of axis",
     formula: "shift = g Q along X, Y or Z",
-    typical: "1-50 um/m",
+    typical: "1-50 µm/m",
     source: "ISO 230-2 (positioning of linear axes)",
     kind: Explanation::Attributed,
     decided_by: "measure a calibrated length or a laser interferometer along the axis",

@@ -11,7 +11,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 pub(super) const KNOWN: Known = Known {
     name: "squareness",
     formula: "shift_x = -C0Y Y + B0Z Z, shift_y = -A0Z Z",
-    typical: "10-100 urad",
+    typical: "10-100 µrad",
     source: "ISO 230-1:2012 (squareness of linear axes)",
     kind: Explanation::Attributed,
     decided_by: "measure the face diagonals, or a ball plate, with the linear axes alone",
