@@ -139,7 +139,7 @@ fn a_temperature_as_input_takes_the_error_away_and_the_uncertainty_holds() {
     assert!(!bench.read("plain.json").contains("input_"));
     let said = train(bench, "warm.csv", "position,temp_air_c", "again.json").ok();
     assert_eq!(bench.read("again.json"), file);
-    assert_says(&said, &["x_m y_m z_m temp_air_c", "kriging (position alone)", "recommended       kriging: "]);
+    assert_says(&said, &["x_m y_m z_m temp_air_c", "kriging (position alone)", "recommended kriging: "]);
 }
 
 /// What training wrote of its evidence into the model.
@@ -286,7 +286,7 @@ fn a_robot_is_learnt_by_its_joints_alone() {
     bench.write("robot.csv", robot(0..240, true));
     let joints = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg";
     let said = train(&bench, "robot.csv", joints, "robot.json").ok();
-    assert_says(&said, &["q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "recommended       kriging: "]);
+    assert_says(&said, &["q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "recommended kriging: "]);
     let (input, out) = (bench.write("ask.csv", robot(240..300, false)), bench.text("told.csv"));
     run(["predict", "--model", &bench.text("robot.json"), "--in", &input, "--out", &out]).ok();
     let (told, truth) = (bench.read("told.csv"), robot(240..300, true));

@@ -105,6 +105,12 @@ fn say(data: &Data, compared: &Comparison) {
             format!(" in a plane across {} (component {} was not measured)", Axis::ALL[normal].letter(), axis.lower())
         }
     };
+    if let Some(recommended) = &compared.recommendation {
+        println!("these data speak for {}: {}", recommended.method, recommended.why);
+        if recommended.method.ends_with(POSITION_ALONE) {
+            println!("they do not show that the further inputs help on unseen data");
+        }
+    }
     println!("{}: {} points{plane}, held out by {split}, {}", data.file, compared.points, seeds(compared));
     if !compared.inputs.is_empty() {
         println!("inputs {}; the same points and split for all methods", compared.inputs.join(" "));
@@ -115,12 +121,6 @@ fn say(data: &Data, compared: &Comparison) {
     println!("{method:<width$} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");
     for row in &compared.rows {
         println!("{}", line(row, width));
-    }
-    if let Some(recommended) = &compared.recommendation {
-        println!("these data speak for {}: {}", recommended.method, recommended.why);
-        if recommended.method.ends_with(POSITION_ALONE) {
-            println!("they do not show that the further inputs help on unseen data");
-        }
     }
     println!(
         "published figures are of data that are not published; only the columns before them compare like with like"

@@ -249,8 +249,7 @@ fn say(
     paths: &Paths,
 ) {
     let record = &trained.record;
-    println!("{}", arguments.out.display());
-    println!("  residual model    {}", hex(sha256));
+    println!("recommended {}: {}", record.recommendation.method, record.recommendation.why);
     match &file.owner {
         Some(owner) => println!("  belongs to        {} of machine {}", hex(&owner.model_sha256), owner.machine),
         None => {
@@ -296,7 +295,6 @@ fn say(
         );
     }
     println!("  made              {}", record.kind);
-    println!("  recommended       {}: {}", record.recommendation.method, record.recommendation.why);
     if record.recommendation.method.ends_with(POSITION_ALONE) {
         println!(
             "  note              held-out data do not show that the further inputs help: train with --inputs position instead"
@@ -311,6 +309,8 @@ fn say(
         println!("  outliers          {count} more than {FAR} u from what the others say; look at them first:");
         outliers.iter().take(MOST_SHOWN).for_each(|outlier| println!("    {outlier}"));
     }
+    println!("  written           {}", arguments.out.display());
+    println!("  residual model    {}", hex(sha256));
     println!("  report            {}", paths.report.display());
     next(arguments, trained).print();
 }

@@ -439,15 +439,13 @@ fn print_words(
     seconds: f64,
 ) {
     let quality = &file.model.parts().quality;
-    println!("{}", arguments.out.display());
-    println!("  model sha256      {sha256}");
-    println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  residual          {} µm rms, {} µm at most, χ² per degree of freedom {} with the declared uncertainties",
+        "residual {} µm rms, {} µm at most, χ² per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN)),
         digits::result(quality.chi2_per_dof)
     );
+    println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
     println!(
         "  unknowns          {} (rank {}), condition {:.0}, {}",
         evidence["unknowns"],
@@ -487,4 +485,5 @@ fn print_words(
         );
     }
     print!("{}", verdict::words(&verdict.findings));
+    super::identify::print_written(&arguments.out, sha256);
 }

@@ -17,7 +17,7 @@ use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Share of what was known before, from which the campaign has told the turn of the ram.
@@ -180,14 +180,12 @@ pub(crate) fn print_ram_turn(file: &ModelFile) {
 fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, sha256: &[u8; 32], seconds: f64) {
     let evidence = &found.evidence;
     let quality = &file.model.parts().quality;
-    println!("{}", arguments.out.display());
-    println!("  model sha256      {}", hex(sha256));
-    println!("  readings          {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  range residual    {} µm rms, χ² per degree of freedom {} with the declared uncertainties",
+        "range residual {} µm rms, χ² per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(quality.chi2_per_dof)
     );
+    println!("  readings          {} used, {} rejected", quality.readings, quality.rejected);
     println!(
         "  unknowns          {} ({:.1} effective), condition {:.0}",
         evidence.unknowns, evidence.effective_unknowns, evidence.condition
@@ -225,7 +223,14 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
         );
     }
     print_rejected(&evidence.rejected);
+    print_written(&arguments.out, &hex(sha256));
     next(arguments, found).print();
+}
+
+/// The model file, after what it holds was said.
+pub(super) fn print_written(model: &Path, sha256: &str) {
+    println!("  model             {}", model.display());
+    println!("  model sha256      {sha256}");
 }
 
 /// Where the residual is larger than the declared noise, its cause, as the finding itself says; else a test that the fit has no part in.

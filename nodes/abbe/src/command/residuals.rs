@@ -118,11 +118,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let owner = ResidualOwner { machine: model.model.parts().machine.name.clone(), model_sha256: sha256 };
     write(arguments, &model, &computed, owner)?;
-    println!("{}", arguments.out.display());
-    println!("  model sha256      {}", hex(&sha256));
-    for note in &computed.notes {
-        println!("  {note}");
+    for (place, note) in computed.notes.iter().enumerate() {
+        println!("{}{note}", if place == 0 { "" } else { "  " });
     }
+    println!("  vectors           {}", arguments.out.display());
+    println!("  of model          sha256 {}", hex(&sha256));
     next(arguments, computed.points.len()).print();
     Ok(())
 }

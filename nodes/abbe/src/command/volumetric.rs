@@ -314,13 +314,12 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
 }
 
 fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
-    println!("{}", arguments.out.display());
     if let Some(largest) = answer.largest() {
         let [x, y, z] = largest.reading_m.map(|v| v * 1e3);
         let [error, u] = digits::with_uncertainty(largest.error_m.norm() * 1e6, expanded_m(largest) * 1e6);
         let (rms, points, outside) = (digits::result(answer.rms_m() * 1e6), answer.map.len(), answer.extrapolated());
         println!(
-            "  volumetric error  {error} ± {u} µm (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} µm rms over {points} \
+            "volumetric error {error} ± {u} µm (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} µm rms over {points} \
              points, {outside} extrapolated"
         );
     }
@@ -347,5 +346,6 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
             lower_bound(&comparison.predicted)
         );
     }
+    println!("  written           {}", arguments.out.display());
     Ok(())
 }

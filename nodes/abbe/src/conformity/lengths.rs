@@ -3,8 +3,8 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, expanded_um, pictures, tone, um,
-    verdict_in_words, verdict_word, worst,
+    Figure, Limits, Product, data_words, departure_callout, departure_json, departure_words, expanded_um, pictures,
+    tone, um, verdict_in_words, verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
@@ -36,7 +36,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         LengthTest { tool_offset_m: stated.tool_offset_m, probing: stated.probing, travel_m: file.travel_m.clone() };
     let errors = evaluate(test, &file.measurements).with_context(|| path.display().to_string())?;
     let mut words = words(&errors, limits, rule)?;
-    words.insert_str(0, &format!("{}\n", path.display()));
+    words.push_str(&data_words(path));
     let mut json = figures(&errors, limits, rule)?;
     json["data_sha256"] = json!(hex(&file.sha256));
     json["software"] = json!(software());
@@ -130,10 +130,10 @@ fn rounded_up(constant_um: f64) -> String {
 
 /// Words for the terminal.
 pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
-    let symbol = errors.test.symbol();
-    let mut text = format!("{symbol}: {}\n", digits::taken(&lead(errors)));
-    text.push_str(&limit_words(errors, limits, rule)?);
+    let mut text = answer_words(errors, limits, rule)?;
+    text.push_str(&departure_words(STANDARD, &errors.departures));
     // Writing to a string cannot fail.
+    let _ = writeln!(text, "  {}: {}", errors.test.symbol(), digits::taken(&lead(errors)));
     let _ = writeln!(
         text,
         "  {:<14} {:>7} {:>12} {:>9} {:>12} {:>10} {:>9}",
@@ -153,7 +153,14 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
             at_m * 1e3
         );
     }
+    Ok(text)
+}
+
+/// What was asked first: the limit and whether it is kept, the largest error, the limits that would do.
+fn answer_words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
+    let mut text = limit_words(errors, limits, rule)?;
     let (largest, line, length_m) = errors.largest();
+    // Writing to a string cannot fail.
     let _ = writeln!(
         text,
         "  largest error  {} µm at {:.4} mm on {line}",
@@ -172,7 +179,6 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
     );
     let corners: Vec<String> = frontier.corners().iter().map(supported_text).collect();
     let _ = writeln!(text, "  as tight       {}", corners.join("; "));
-    text.push_str(&departure_words(STANDARD, &errors.departures));
     Ok(text)
 }
 

@@ -139,6 +139,11 @@ pub(crate) fn um(metres: f64) -> f64 {
     metres * 1e6
 }
 
+/// Which file was judged, after what was found.
+pub(crate) fn data_words(path: &Path) -> String {
+    format!("  data           {}\n", path.display())
+}
+
 /// What a whole test after the standard has and the data lack, in words.
 pub(crate) fn departure_words(standard: &str, departures: &[Departure]) -> String {
     if departures.is_empty() {

@@ -83,15 +83,16 @@ pub(crate) fn run(
     })?;
     let tally = tally.into_inner();
     stages.push(stage("After correction", "after", after));
-    let mut words = format!("machine {}, seed {}\n", machine.machine.name, asked.seed);
+    let mut words = String::new();
     let mut json = json!({
         "machine": machine.machine.name, "seed": asked.seed, "effects": asked.effects, "software": software(),
         "volumetric_um": asked.volumetric_um,
     });
     for Stage { title, key, errors } in &stages {
-        words.push_str(&format!("\n{title}, {}", lengths::words(errors, limits, rule)?));
+        words.insert_str(0, &format!("{title}\n{}\n", lengths::words(errors, limits, rule)?));
         json[*key] = lengths::figures(errors, limits, rule)?;
     }
+    words.push_str(&format!("machine {}, seed {}\n", machine.machine.name, asked.seed));
     let meta = made_from(asked, model_sha256.as_deref(), residual.as_ref())?;
     let report = report(meta, &stages, limits, rule)?;
     let test = "the length test";

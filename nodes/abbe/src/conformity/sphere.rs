@@ -3,7 +3,7 @@
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, expanded_um, tone, um,
+    Figure, Limits, Product, data_words, departure_callout, departure_json, departure_words, expanded_um, tone, um,
     verdict_in_words, verdict_word, worst,
 };
 use crate::pipeline::software;
@@ -127,7 +127,7 @@ impl Row {
 }
 
 fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> String {
-    let mut text = format!("{}\n", path.display());
+    let mut text = String::new();
     // Writing to a string cannot fail.
     for row in rows {
         let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{} µm", digits::result(um(v))));
@@ -142,6 +142,7 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
         let _ = writeln!(text, "  {}", rule.words());
     }
     text.push_str(&departure_words(STANDARD, &errors.departures));
+    text.push_str(&data_words(path));
     text
 }
 

@@ -107,7 +107,11 @@ fn outcome(promise: &Promise, wish: &Wish) -> Outcome {
 /// The summary for a terminal.
 pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     let promise = &plan.promise;
-    let mut text = format!("{}\n", out.display());
+    let [x, y, z] = promise.u_axis_m.map(um);
+    let mut text = format!(
+        "corrected points within {} µm (k = 1, in space, rms over the volume); X {x}, Y {y}, Z {z} µm\n",
+        um(promise.u_m)
+    );
     let mut line = |name: &str, value: String| {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "  {name:<20}{value}");
@@ -126,17 +130,13 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     if let Some(before) = &plan.before {
         line("measured before", format!("{} µm (k = 1)", um(before.u_m)));
     }
-    let [x, y, z] = promise.u_axis_m.map(um);
-    line(
-        "corrected points",
-        format!("{} µm (k = 1, in space, rms over the volume); X {x}, Y {y}, Z {z} µm", um(promise.u_m)),
-    );
     line("of the model alone", format!("{} µm, without the repeatability of one approach", um(promise.u_model_m)));
     let (largest_m, at_m) = promise.largest_m;
     let [x, y, z] = at_m.map(|v| v * 1e3);
     line("largest", format!("{} µm at X {x:.0}, Y {y:.0}, Z {z:.0} mm", um(largest_m)));
     let [half, twice] = plan.if_bent_m.map(um);
     line("if errors bend", format!("half as much {half} µm, twice as much {twice} µm"));
+    line("written", out.display().to_string());
     for wish in &sources.request.tell {
         let shape = shape_in_words(&wish.shape);
         let shape = if shape.is_empty() { shape } else { format!(" ({shape})") };
