@@ -65,6 +65,11 @@ impl PairErrors {
             false => constant,
         }
     }
+
+    /// The same where it grows with the length; where it does not, it is the largest error again.
+    pub(crate) fn growing_limit(&self) -> Option<String> {
+        (self.tightest.per_metre > 0.0).then(|| self.limit())
+    }
 }
 
 #[cfg(test)]
@@ -100,6 +105,10 @@ mod tests {
         assert_eq!(limit(48.612e-6, of(48.612e-6, 0.0)), "48.7");
         assert_eq!(limit(66.473e-6, of(59.281e-6, 9.2e-6)), "59.3 + L/108");
         assert_eq!(limit(0.0, of(0.0, 0.0)), "0");
+        // The largest error was said twice, once rounded and once rounded up.
+        let growing =
+            |per_metre| PairErrors { pairs: 1, largest_m: 1e-6, tightest: of(1e-6, per_metre) }.growing_limit();
+        assert_eq!((growing(0.0), growing(1e-5).as_deref()), (None, Some("1.00 + L/100")));
     }
 
     fn nalgebra_turn() -> abbe_geometry::Matrix3<f64> {

@@ -223,7 +223,8 @@ fn print_words(points: &VerificationPoints, stages: &[Stage]) {
     );
     for Stage { name, rms_um, max_um, lengths, .. } in stages {
         let [rms, max, length] = [*rms_um, *max_um, lengths.largest_m * 1e6].map(digits::result);
-        println!("  {name:<11} rms {rms:>6}  max {max:>6}  lengths within {length:>6}, {}", lengths.limit());
+        let limit = lengths.growing_limit().map_or_else(String::new, |limit| format!(", all within {limit}"));
+        println!("  {name:<11} rms {rms:>6}  max {max:>6}  length error max {length:>6}{limit}");
     }
     if let Some(few) = few(points.rows.len()) {
         println!("  {few}");

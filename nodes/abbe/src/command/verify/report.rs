@@ -68,14 +68,17 @@ fn figures(page: &Page) -> Section {
         }
     };
     let pairs = page.stages.first().map_or(0, |stage| stage.lengths.pairs);
-    let limit = page.stages.last().map_or_else(String::new, |stage| stage.lengths.limit());
+    let limit = page.stages.last().and_then(|stage| stage.lengths.growing_limit());
     let figures = vec![
         figure("3-D error, rms", |stage| stage.rms_um, format!("{} points", page.at_m.len())),
         figure("3-D error, largest", |stage| stage.max_um, "indicated → corrected".to_owned()),
         figure(
             "length error, largest",
             |stage| stage.lengths.largest_m * 1e6,
-            format!("{pairs} pairs; all within {limit} µm{}", if limit.contains('L') { ", L in mm" } else { "" }),
+            format!(
+                "{pairs} pairs{}",
+                limit.map_or_else(String::new, |limit| format!("; all within {limit} µm, L in mm"))
+            ),
         ),
     ];
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
