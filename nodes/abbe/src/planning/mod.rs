@@ -68,6 +68,9 @@ fn size_words(value: f64, unit: &str) -> String {
     }
 }
 
+/// Positions of a plan that differ by less are one (m).
+const SAME_M: f64 = 1e-6;
+
 /// An uncertainty in µm or µrad.
 fn um(u: f64) -> String {
     digits::uncertainty(u * 1e6)
@@ -119,12 +122,7 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     let new = if sources.campaign.is_some() { "new " } else { "" };
     line(
         "plan",
-        format!(
-            "{} {new}stations, {} {new}lines, {} readings",
-            plan.stations.len(),
-            plan.lines.len(),
-            plan.nominal.readings.len()
-        ),
+        format!("{} {new}stations, {} {new}lines, {}", plan.stations.len(), plan.lines.len(), readings_words(plan)),
     );
     line("time", time_words(sources, plan));
     if let Some(before) = &plan.before {
@@ -167,6 +165,30 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
         );
     }
     text
+}
+
+/// How many readings there are, and how many of them a machine that stands still takes once.
+fn readings_words(plan: &Plan) -> String {
+    let readings = plan.nominal.readings.len();
+    match joints(plan) {
+        0 => format!("{readings} readings"),
+        joints => {
+            format!("{readings} readings, {joints} of them where the line before ended: abbe capture takes these once")
+        }
+    }
+}
+
+/// Lines that begin where the one before them ended, with the same station and reflector.
+fn joints(plan: &Plan) -> usize {
+    let is_same = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_M);
+    let meet = |pair: &&[abbe_plan::Line]| {
+        let [before, after] = pair else { return false };
+        let (end, start) = (before.points_m.last(), after.points_m.first());
+        before.station == after.station
+            && is_same(&before.offset_m, &after.offset_m)
+            && end.zip(start).is_some_and(|(end, start)| is_same(end, start))
+    };
+    plan.lines.windows(2).filter(meet).count()
 }
 
 /// Time with the speeds that it is reckoned from.
@@ -243,6 +265,7 @@ pub(crate) fn json(sources: &Sources, plan: &Plan) -> Value {
         "stations": stations,
         "lines": lines,
         "readings": plan.nominal.readings.len(),
+        "readings_where_the_line_before_ended": joints(plan),
         "u_um": promise.u_m * 1e6,
         "u_model_um": promise.u_model_m * 1e6,
         "u_axis_um": promise.u_axis_m.map(|u| u * 1e6),

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
-use super::{Outcome, Sources, outcome, shape_in_words, tables, time_words, um};
+use super::{Outcome, Sources, outcome, readings_words, shape_in_words, tables, time_words, um};
 use abbe_plan::{Plan, Promise, Wish};
 use abbe_report::{
     Axis, Callout, CellMap, CellPanel, Identity, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem,
@@ -116,7 +116,7 @@ fn key_figures(plan: &Plan) -> Section {
             "lines",
             Quantity::new(plan.lines.len() as f64, 0),
             "",
-            &format!("from {} stations", plan.stations.len()),
+            &format!("from {} stations; {}", plan.stations.len(), readings_words(plan)),
         ),
     ];
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
