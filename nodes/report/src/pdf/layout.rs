@@ -11,6 +11,12 @@ use crate::sections::{Callout, KeyFigure, KeyFigures, Section, Tone};
 use crate::svg::Anchor;
 use crate::text::{MISSING, fixed, prose};
 
+/// Height of a heading, and of what is to follow it on the same page.
+const HEADING: f64 = 71.0;
+const AHEAD: f64 = 220.0;
+/// Width of the labels of values below each other, and height of a row there.
+const LABEL: f64 = 190.0;
+const ROW: f64 = 24.0;
 /// Cards of key figures side by side.
 const CARDS: usize = 4;
 
@@ -30,8 +36,9 @@ pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
     rest.iter().try_for_each(|section| add(&mut pages, section))?;
     let made = report.made_from();
     if !made.is_empty() {
-        heading(&mut pages, "Made from")?;
-        pairs(&mut pages, &made.iter().map(|(label, text)| (label.as_str(), *text)).collect::<Vec<_>>())?;
+        let made: Vec<(&str, &str)> = made.iter().map(|(label, text)| (label.as_str(), *text)).collect();
+        heading(&mut pages, "Made from", (HEADING + pairs_height(&made)).min(AHEAD))?;
+        pairs(&mut pages, &made)?;
     }
     pages.end()?;
     with_footers(report, pages.done)
@@ -57,24 +64,33 @@ fn with_footers(report: &Report, bodies: Vec<String>) -> Result<Vec<String>, Rep
     bodies.into_iter().enumerate().map(with_footer).collect()
 }
 
-fn heading(pages: &mut Pages, title: &str) -> Result<(), ReportError> {
-    // A heading alone at the foot of a page belongs to the next.
-    pages.need(220.0)?;
-    pages.y += 34.0;
+/// A heading alone at the foot of a page belongs to the next: it stands where there is room for so much.
+fn heading(pages: &mut Pages, title: &str, room: f64) -> Result<(), ReportError> {
+    pages.need(room)?;
+    pages.y += 26.0;
     pages.rule("thick");
     pages.y += 8.0;
     pages.text("h2", 26.0, title)
 }
 
+/// Lines of a value beside its label.
+fn value_lines(value: &str) -> Vec<String> {
+    lines(value, letters(WIDTH - LABEL, 16.0))
+}
+
+/// Height of what [`pairs`] sets.
+fn pairs_height(pairs: &[(&str, &str)]) -> f64 {
+    8.0 + pairs.iter().map(|(_, value)| ROW * value_lines(value).len() as f64).sum::<f64>()
+}
+
 /// Labels and values below each other.
 fn pairs(pages: &mut Pages, pairs: &[(&str, &str)]) -> Result<(), ReportError> {
-    const LABEL: f64 = 190.0;
     pages.y += 8.0;
     for (label, value) in pairs {
-        let value = lines(value, letters(WIDTH - LABEL, 16.0));
-        pages.need(24.0 * value.len() as f64)?;
+        let value = value_lines(value);
+        pages.need(ROW * value.len() as f64)?;
         for (index, line) in value.iter().enumerate() {
-            pages.y += 24.0;
+            pages.y += ROW;
             let y = pages.y - 6.0;
             if index == 0 {
                 pages.svg().text("mutedb", (MARGIN, y), Anchor::Start, label);
@@ -88,7 +104,7 @@ fn pairs(pages: &mut Pages, pairs: &[(&str, &str)]) -> Result<(), ReportError> {
 fn add(pages: &mut Pages, section: &Section) -> Result<(), ReportError> {
     match section {
         Section::Heading(found) => {
-            heading(pages, &found.title)?;
+            heading(pages, &found.title, AHEAD)?;
             found.intro.as_deref().map_or(Ok(()), |intro| pages.text("body", 18.0, &prose(intro)))
         }
         Section::KeyFigures(figures) => cards(pages, figures),
@@ -177,4 +193,35 @@ fn callout(pages: &mut Pages, callout: &Callout) -> Result<(), ReportError> {
     }
     pages.y = top + height;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::MetaItem;
+    use crate::sections::{Cell, Column, TableSection};
+
+    /// Rows of a table that fit one page.
+    fn rows_of_a_page(meta: &[MetaItem]) -> usize {
+        let report = |rows: usize| Report {
+            meta: meta.to_vec(),
+            sections: vec![Section::Table(TableSection {
+                title: "T".to_owned(),
+                note: None,
+                columns: vec![Column::text("c")],
+                rows: vec![vec![Cell::text("x")]; rows],
+                total_rows: None,
+            })],
+            ..Report::default()
+        };
+        (1..200).take_while(|rows| pages(&report(*rows)).unwrap().len() == 1).count()
+    }
+
+    /// A certificate had a second page for two lines that fitted the first.
+    #[test]
+    fn regress_what_a_report_was_made_from_stands_on_the_page_where_it_fits() {
+        let (without, with) = (rows_of_a_page(&[]), rows_of_a_page(&[MetaItem::software("abbe")]));
+        // A heading and a line of 103 px are less than six rows of a table.
+        assert!(without > 50 && with < without && without - with <= 6, "{without} {with}");
+    }
 }
