@@ -86,12 +86,14 @@ impl Report {
         self.sections.iter().take_while(is_opening).count()
     }
 
-    /// Sections before the next command and right after it, by their places: the figures, what failed and the first callouts stand
-    /// before it.
+    /// Sections before the next command and right after it, by their places: the answer, what failed and the first callouts that
+    /// limit it stand before it. A callout above the figures is the answer itself.
     pub(crate) fn first_screen(&self) -> (Vec<usize>, Vec<usize>) {
+        let opening = 0..self.opening();
+        let figures = opening.clone().find(|place| matches!(self.sections[*place], Section::KeyFigures(_)));
         let mut callouts = 0;
-        (0..self.opening()).partition(|place| match &self.sections[*place] {
-            Section::Callout(callout) => {
+        opening.partition(|place| match &self.sections[*place] {
+            Section::Callout(callout) if figures.is_none_or(|figures| figures < *place) => {
                 callouts += 1;
                 callouts <= CALLOUTS || callout.tone == Tone::Bad
             }

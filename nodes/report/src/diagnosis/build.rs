@@ -206,7 +206,7 @@ impl Record {
         if let Some(v) = self.verification.as_ref().filter(|v| v.extrapolated > 0) {
             all.push(warning(format!(
                 "{} of {} verification points are extrapolated: a reading, an offset or a logged quantity is beyond what the model was identified \
-                 in. `abbe verify` says which.",
+                 in. abbe verify says which.",
                 v.extrapolated, v.points
             )));
         }
