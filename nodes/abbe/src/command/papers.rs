@@ -287,14 +287,15 @@ fn missing(missing: &NotComputed) -> Section {
 }
 
 fn table(paper: &str, document: &Document) -> Option<Section> {
-    let columns = ["figure", "published", "here", "verdict", "why, and how it was computed"];
+    // The verdict beside the figure: a narrow screen shows the first columns.
+    let columns = ["figure", "verdict", "published", "here", "why, and how it was computed"];
     let rows: Vec<_> = document.figures.iter().filter(|row| row.paper == paper).collect();
     let cells = |row: &&Row| {
         vec![
             Cell::text(format!("{}: {}", row.place, row.what)),
+            Cell::text(readable(row, document.effort)),
             Cell::text(row.published.as_deref().unwrap_or("not in the paper")),
             Cell::text(&row.reproduced),
-            Cell::text(readable(row, document.effort)),
             Cell::text(format!("{} ({})", row.reason, row.how)),
         ]
     };

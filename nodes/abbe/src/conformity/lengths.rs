@@ -440,13 +440,13 @@ fn table(errors: &LengthErrors, rule: &DecisionRule) -> Section {
         let u_um = expanded_um(rule, line.largest.1);
         vec![
             Cell::text(&line.line),
-            Cell::count(line.lengths),
-            Cell::number(line.longest_m * 1e3, 1),
-            Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 0),
             Cell::with(Some(um(line.largest.0.metres())), u_um),
             Cell::uncertainty(u_um),
             Cell::number(line.largest.1 * 1e3, 1),
             Cell::result(line.range.map(|r| um(r.metres()))),
+            Cell::count(line.lengths),
+            Cell::number(line.longest_m * 1e3, 1),
+            Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 0),
         ]
     };
     Section::Table(TableSection {
@@ -454,13 +454,13 @@ fn table(errors: &LengthErrors, rule: &DecisionRule) -> Section {
         note: Some("Largest error by magnitude; the range is that of repeated measurements of one length.".to_owned()),
         columns: vec![
             Column::text("line"),
-            Column::number("lengths", "1"),
-            Column::number("longest", "mm"),
-            Column::number("share of travel", "%"),
             Column::number("largest error", "µm"),
             Column::number("± U (k = 2)", "µm"),
             Column::number("at", "mm"),
             Column::number("largest range", "µm"),
+            Column::number("lengths", "1"),
+            Column::number("longest", "mm"),
+            Column::number("share of travel", "%"),
         ],
         rows: errors.lines.iter().map(row).collect(),
         total_rows: None,
