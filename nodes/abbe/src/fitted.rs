@@ -65,6 +65,7 @@ impl Fitted<'_> {
         list.filter(|(index, _)| !rejected.contains(index))
             .map(|(_, ((reading, residual_m), u_m))| Residual {
                 station: campaign.stations[reading.station as usize].clone(),
+                line: campaign.lines[reading.line as usize].clone(),
                 time_s: reading.time_s,
                 position_mm: reading.reading_m.map(|v| v * 1e3),
                 residual_um: residual_m * 1e6,
@@ -144,6 +145,7 @@ impl Fitted<'_> {
         let runs = campaign.readings.chunk_by(|a, b| a.line == b.line && a.station == b.station);
         runs.filter_map(|run| Some((run.first()?, run.last()?)))
             .map(|(first, last)| MeasuredLine {
+                name: campaign.lines[first.line as usize].clone(),
                 station: campaign.stations[first.station as usize].clone(),
                 from_mm: first.reading_m.map(|v| v * 1e3),
                 to_mm: last.reading_m.map(|v| v * 1e3),
@@ -193,6 +195,7 @@ impl Fitted<'_> {
             RejectedReading {
                 row: r.reading,
                 station: r.station.clone(),
+                line: r.line.clone(),
                 time_s: Some(reading.time_s),
                 position_mm: reading.reading_m.map(|v| v * 1e3),
                 residual_um: Some(r.residual_m * 1e6),

@@ -143,7 +143,7 @@ pub(crate) fn draw_legend(svg: &mut Svg, (mut x, y): (f64, f64), entries: &[(Swa
         svg.name(Some(name));
         match swatch {
             Swatch::Line(class) => svg.line(class, (x, y - 4.0), (x + 22.0, y - 4.0)),
-            Swatch::Marker(series, class) => svg.markers(*series, class, &[(x + 11.0, y - 4.0)], 0),
+            Swatch::Marker(series, class) => svg.markers(*series, class, &[(x + 11.0, y - 4.0)], (0, 1)),
             Swatch::Patch(class) => svg.rect(class, (x, y - 10.0), (22.0, 12.0), None),
         }
         svg.text("small", (x + 28.0, y), Anchor::Start, name);

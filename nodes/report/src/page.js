@@ -17,8 +17,16 @@
     node.addEventListener("click", act);
     return node;
   };
+  // A shape that belongs to several, such as to a station and to a line of it, has a tab between their names.
+  const namesOf = (node) => (node.dataset.n || "").split("\t").filter(Boolean);
   const minus = (text) => text.replace("-", "−");
   const fixed = (value, decimals) => minus(value.toFixed(Math.max(0, Math.min(9, decimals))));
+
+  // Many names are those of a mean over many: the first say where, and a count how many more.
+  const called = (name) => {
+    const each = name.split("\t");
+    return each.length > 4 ? `${each.slice(0, 3).join(", ")} and ${each.length - 3} more` : each.join(", ");
+  };
 
   // What is under the pointer, beside it.
   const tip = make("div", { class: "tip", hidden: "" });
@@ -40,7 +48,7 @@
   });
   const told = ({ target }) => {
     const shape = target.closest?.("[data-told],[data-n]");
-    const line = shape?.dataset.told || shape?.dataset.n;
+    const line = shape?.dataset.told || (shape && called(shape.dataset.n));
     return line && [line];
   };
   const inside = (svg, event) => new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
@@ -167,7 +175,7 @@
         .map((one) => [...one.band.matchAll(PAIR)].filter((m) => Math.abs(Number(m[2]) - near.x) < 0.011))
         .filter((pair) => pair.length === 2)
         .map(([a, b]) => Math.abs(ay.value(Number(a[3])) - ay.value(Number(b[3]))) / 2);
-      const lines = [near.name, ax.text(near.x), ay.text(near.y)];
+      const lines = [called(near.name), ax.text(near.x), ay.text(near.y)];
       if (half.length) lines[2] += ` (band ± ${half[0].toPrecision(2)})`;
       const bar = group.ownerSVGElement.dataset.value;
       if (near.value) lines.push(minus(bar ? bar.replace("%", near.value) : near.value));
@@ -334,10 +342,15 @@
   const rows = all("tbody tr").filter((row) => row.cells.length > 1);
   const where = new Map();
   const seen = (name, place) => { if (name) where.set(name, (where.get(name) || new Set()).add(place)); };
-  all("[data-n]").forEach((node) => seen(node.dataset.n, node.closest("figure")));
-  rows.forEach((row) => { if (where.has(row.cells[0].textContent)) seen(row.cells[0].textContent, row.closest("table")); });
+  all("[data-n]").forEach((node) => namesOf(node).forEach((name) => seen(name, node.closest("figure"))));
+  // A row belongs to what its cells name: "S1", or "station S1".
+  const named = (row) => [...row.cells].map(({ textContent: text }) => [text, text.replace(/^(station|line) /, "")].find((name) => where.has(name)));
+  rows.forEach((row) => named(row).forEach((name) => seen(name, row.closest("table"))));
   const names = [...where].filter(([, places]) => places.size > 1).map(([name]) => name);
-  rows.forEach((row) => { if (names.includes(row.cells[0].textContent)) row.dataset.n = row.cells[0].textContent; });
+  rows.forEach((row) => {
+    const own = named(row).filter((name) => names.includes(name));
+    if (own.length) row.dataset.n = [...new Set(own)].join("\t");
+  });
   const choice = make("select");
   const pick = (name) => {
     choice.value = names.includes(name) ? name : "";
@@ -345,8 +358,9 @@
     all("[data-n]").forEach((node) => {
       // A figure or a table that knows nothing of the name stays as it is.
       const place = node.closest("figure") || node.closest("table");
-      node.classList.toggle("dim", Boolean(on) && where.get(on).has(place) && node.dataset.n !== on);
-      node.classList.toggle("picked", Boolean(on) && node.tagName === "TR" && node.dataset.n === on);
+      const is_own = namesOf(node).includes(on);
+      node.classList.toggle("dim", Boolean(on) && where.get(on).has(place) && !is_own);
+      node.classList.toggle("picked", is_own && node.tagName === "TR");
     });
   };
   if (names.length > 1) {
@@ -357,7 +371,9 @@
     bar.append(label);
     document.addEventListener("click", (event) => {
       const node = event.target.closest?.("[data-n]");
-      if (node && names.includes(node.dataset.n)) pick(node.dataset.n === choice.value ? "" : node.dataset.n);
+      const own = node ? namesOf(node).filter((name) => names.includes(name)) : [];
+      // One press picks the station, the next its line, the last none.
+      if (own.length) pick(own[own.indexOf(choice.value) + 1] || "");
     });
   }
 
@@ -408,6 +424,11 @@
     rows.forEach((row) => {
       const of = [...row.cells].map((cell) => kind(cell.textContent)).find(Boolean);
       if (of) row.classList.add(of);
+    });
+    // So does a chapter that has the name of a state.
+    all("main > h2").forEach((head) => {
+      const of = kind(head.textContent);
+      for (let one = head; of && one && (one === head || !one.matches("h2,.made")); one = one.nextElementSibling) one.classList.add(of);
     });
   }
   // Below the answer, above the first that it acts upon.

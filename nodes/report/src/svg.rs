@@ -67,6 +67,12 @@ impl Svg {
         self.name = name.map(|name| format!(" data-n=\"{}\"", escape(name))).unwrap_or_default();
     }
 
+    /// The same of what belongs to several, such as a reading to its station and its line. A tab stands between the names.
+    pub(crate) fn names<'n>(&mut self, names: impl Iterator<Item = &'n str>) {
+        let names: Vec<&str> = names.filter(|name| !name.is_empty()).collect();
+        self.name(Some(&names.join("\t")));
+    }
+
     /// Begins a group with these attributes, which are escaped already.
     pub(crate) fn open(&mut self, attributes: &str) {
         self.push(format_args!("<g {attributes}>"));
@@ -150,13 +156,13 @@ impl Svg {
 
     /// Many markers of one class in one element; each of the eight series has a shape of its own, so that they are told
     /// apart without colours. They are drawn so far to the right of their points, whatever the page's script enlarges: it reads the
-    /// points themselves.
-    pub(crate) fn markers(&mut self, series: u8, class: &str, points: &[(f64, f64)], beside_px: i8) {
+    /// points themselves. `of` is how many of the series there are in all: the fewer, the larger.
+    pub(crate) fn markers(&mut self, series: u8, class: &str, points: &[(f64, f64)], (beside_px, of): (i8, usize)) {
         if points.is_empty() {
             return;
         }
         let mut d = String::new();
-        let outline = marker(series, if points.len() <= FEW { 1.6 } else { 1.0 });
+        let outline = marker(series, if of <= FEW { 1.6 } else { 1.0 });
         let (beside, shift) = match beside_px {
             0 => (String::new(), String::new()),
             px => (format!(" data-s=\"{px}\""), format!("m{px} 0")),

@@ -29,6 +29,7 @@ fn line_plot(points: &[(f64, Option<f64>, f64)], style: CurveStyle) -> Section {
                 style,
                 x: points.iter().map(|p| p.0).collect(),
                 y: points.iter().map(|p| p.1).collect(),
+                also: None,
                 half_width: Some(points.iter().map(|p| Some(p.2.abs())).collect()),
             }],
         }],
@@ -42,7 +43,7 @@ fn map(points: &[(f64, Option<f64>, f64)]) -> Section {
         note: None,
         value: axis(),
         limit: None,
-        panels: vec![MapPanel { title: "p".into(), x: axis(), y: axis(), points: points.collect() }],
+        panels: vec![MapPanel { title: "p".into(), x: axis(), y: axis(), points: points.collect(), of: Vec::new() }],
     })
 }
 

@@ -78,6 +78,7 @@ fn two_lines() -> String {
         style,
         x: vec![0.0, 50.0, 100.0],
         y: y.map(Some).to_vec(),
+        also: None,
         half_width: matches!(style, CurveStyle::Line(_)).then(|| vec![Some(0.5); 3]),
     };
     let panel = |title: &str, curves| LinePanel {
@@ -139,6 +140,7 @@ fn regress_points_beside_their_place_are_read_as_they_are() {
         style: CurveStyle::PointsBeside(1, beside_px),
         x: vec![0.0, 50.0, 100.0],
         y: vec![Some(y); 3],
+        also: None,
         half_width: None,
     };
     let plot = Section::LinePlot(LinePlot {
@@ -233,11 +235,61 @@ fn regress_a_station_is_picked_out_in_every_figure_that_tells_stations_apart() {
         const choice = document.querySelector(".bar select");
         choice.value = "B";
         choice.dispatchEvent(new Event("change"));
-        const titles = ["Residual against time, by station", "Residual magnitude by station", "Volume, stations and measured lines"];
-        const left = (f) => all("[data-n]:not(.dim)", f).map((n) => n.dataset.n);
-        return titles.map((title) => [...new Set(left(figure(title)))]);"#;
+        const titles = ["Mean residual by position", "Residual against time, by station", "Residual magnitude by station",
+          "Volume, stations and measured lines"];
+        const left = (f) => all("[data-n]:not(.dim)", f).map((n) => n.dataset.n.split("\t"));
+        const without = (of) => titles.map((title) => left(figure(title)).filter((names) => !names.includes(of)).length);
+        const gone = () => titles.map((title) => all("[data-n].dim", figure(title)).length > 0);
+        const station = [without("B"), gone()];
+        const press = () => all("[data-n]", figure("Residual against time, by station")).find((n) => n.dataset.n === "B\tB-1")
+          .dispatchEvent(new MouseEvent("click", { bubbles: true }));
+        press();
+        const line = [choice.value, without("B-1").filter((_, k) => k !== 2), all("tr.picked").length];
+        press();
+        return { station, line, none: [choice.value, all(".dim").length] };"#;
     let Some(seen) = in_browser(&common::demo_report(1).html().unwrap(), steps) else { return };
-    assert_eq!(seen, json!([["B"], ["B"], ["B"]]));
+    assert_eq!(seen["station"], json!([[0, 0, 0, 0], [true, true, true, true]]));
+    // No box is of a line: that figure stays as it is. Four readings of it were rejected.
+    assert_eq!(seen["line"], json!(["B-1", [0, 0, 0], 4]));
+    assert_eq!(seen["none"], json!(["", 0]));
+}
+
+/// Chapters of a simulated test stood there whatever state was chosen.
+#[test]
+fn regress_the_switch_reaches_chapters_that_have_the_name_of_a_state() {
+    let curve = |name: &str, state| Curve {
+        name: name.into(),
+        also: None,
+        style: CurveStyle::PointsOf(state),
+        x: vec![0.0, 1.0],
+        y: vec![Some(1.0), Some(2.0)],
+        half_width: None,
+    };
+    let panel = LinePanel {
+        title: String::new(),
+        x: Axis::new("length", "mm"),
+        y: Axis::new("error", "µm"),
+        curves: vec![curve("Before correction", State::Before), curve("After correction", State::After)],
+    };
+    let plot = LinePlot { title: "Both".into(), note: None, columns: 1, band_name: None, panels: vec![panel] };
+    let chapter = |title: &str| {
+        let text = format!("in {title}");
+        [
+            Section::Heading(Heading { title: title.into(), intro: None }),
+            Section::Callout(Callout { tone: Tone::Good, title: String::new(), text }),
+        ]
+    };
+    let sections: Vec<Section> = std::iter::once(Section::LinePlot(plot))
+        .chain(["Before correction", "After correction"].into_iter().flat_map(chapter))
+        .collect();
+    let meta = vec![MetaItem::software("abbe")];
+    let html = Report { title: "T".into(), meta, sections, ..Report::default() }.html().unwrap();
+    let steps = r#"
+        const shown = () => all("main > h2, main > .callout, main > .made").filter(seen).length;
+        const choose = (text) => { all(".bar button").find((b) => b.textContent === text).click(); return shown(); };
+        return [shown(), choose("before"), choose("after"), choose("before and after")];"#;
+    let Some(seen) = in_browser(&html, steps) else { return };
+    assert_eq!(seen, json!([5, 3, 3, 5]));
 }
 
 #[test]
@@ -310,7 +362,7 @@ fn regress_the_switch_reaches_maps_and_tables_and_shapes_say_at_once_what_they_a
     assert_eq!(seen["before"], json!([[true, true], [false, false]]));
     assert_eq!(seen["after"], json!([[false, false], [true, true]]));
     assert!(seen["station"][0].as_str().unwrap().starts_with("A: x "), "{}", seen["station"]);
-    assert_eq!(seen["lines"], json!(["A"]));
+    assert_eq!(seen["lines"], json!(["A, A-0"]));
     assert!(seen["cell"][0].as_str().unwrap().ends_with(" µm"), "{}", seen["cell"]);
     assert!(seen["vector"][0].as_str().unwrap().starts_with("x "), "{}", seen["vector"]);
     assert_eq!(seen["left"], json!(0), "a browser would say it a second time");

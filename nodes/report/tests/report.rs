@@ -23,6 +23,7 @@ fn line_plot(y: Vec<Option<f64>>) -> LinePlot {
                 style: CurveStyle::Line(1),
                 x: (0..y.len()).map(|i| i as f64).collect(),
                 y,
+                also: None,
                 half_width: None,
             }],
         }],

@@ -211,6 +211,7 @@ fn scatter(trained: &Trained, data: &Data) -> Section {
                     style: CurveStyle::Reference,
                     x: vec![low, high],
                     y: vec![Some(low), Some(high)],
+                    also: None,
                     half_width: None,
                 },
                 Curve {
@@ -218,6 +219,7 @@ fn scatter(trained: &Trained, data: &Data) -> Section {
                     style: CurveStyle::Points(1),
                     x: points.iter().map(|p| p.0).collect(),
                     y: points.iter().map(|p| Some(p.1)).collect(),
+                    also: None,
                     half_width: None,
                 },
             ],
@@ -243,6 +245,7 @@ fn losses(record: &TrainingRecord) -> Section {
             style,
             x: (first..first + losses.len()).map(|epoch| epoch as f64).collect(),
             y: losses.iter().map(|loss| loss.is_finite().then_some(*loss)).collect(),
+            also: None,
             half_width: None,
         };
         LinePanel {
@@ -280,6 +283,7 @@ fn residuals(data: &Data, places_m: &[Vector3<f64>]) -> Section {
             .clone()
             .map(|(point, residual)| MapPoint { x: point.x * 1e3, y: point.y * 1e3, value: residual[d] * 1e6 })
             .collect(),
+        of: Vec::new(),
     };
     Section::ResidualMap(ResidualMap {
         title: "What geometry leaves".to_owned(),

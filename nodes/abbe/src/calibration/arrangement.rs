@@ -105,6 +105,7 @@ impl BySpread {
             style: CurveStyle::Line(SERIES[k]),
             x: SPREADS.to_vec(),
             y: values.iter().map(|u| u.map(|u| u[k])).collect(),
+            also: None,
             half_width: None,
         }
     }

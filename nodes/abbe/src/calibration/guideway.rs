@@ -241,6 +241,7 @@ fn report(
             style: CurveStyle::Line(1),
             x: x.clone(),
             y: solved.positions.iter().map(|p| Some(shown(p)[k])).collect(),
+            also: None,
             half_width: Some(solved.positions.iter().map(|p| expanded(p).map(|u| u[k])).collect()),
         }],
     };

@@ -409,6 +409,7 @@ impl Judged {
             style: CurveStyle::PointsOf(state),
             x: (1..=poses.len()).map(|k| k as f64).collect(),
             y: poses.iter().map(|pose| of(pose)).collect(),
+            also: None,
             half_width: None,
         };
         let curves = [

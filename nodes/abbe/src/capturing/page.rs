@@ -177,7 +177,14 @@ fn lengths(outcome: &Outcome) -> Option<Section> {
     let curve = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {
         let (x, u_um) = of_station(number);
         let style = CurveStyle::Points((number % 8 + 1) as u8);
-        Curve { name: station.name.clone(), style, x, y: u_um.into_iter().map(Some).collect(), half_width: None }
+        Curve {
+            name: station.name.clone(),
+            style,
+            x,
+            y: u_um.into_iter().map(Some).collect(),
+            also: None,
+            half_width: None,
+        }
     };
     let curves: Vec<Curve> =
         planned.stations.iter().enumerate().map(curve).filter(|curve| !curve.x.is_empty()).collect();

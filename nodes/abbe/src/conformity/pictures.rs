@@ -61,6 +61,7 @@ fn points(errors: &LengthErrors, line: &str, (series, all_lines): (usize, usize)
         style: CurveStyle::PointsBeside(series as u8 + 1, beside_px(series, all_lines)),
         x: all.iter().map(|(x, _)| *x).collect(),
         y: all.iter().map(|(_, y)| Some(*y)).collect(),
+        also: None,
         half_width: None,
     }
 }
@@ -76,7 +77,7 @@ fn both_sides(name: &str, style: CurveStyle, longest_m: f64, at_m: &dyn Fn(f64) 
     [1.0, -1.0].map(|side| {
         let lengths_m = (0..=LIMIT_STEPS).map(|k| longest_m * k as f64 / LIMIT_STEPS as f64);
         let (x, y) = lengths_m.map(|l| (l * 1e3, Some(side * um(at_m(l))))).unzip();
-        Curve { name: name.to_owned(), style, x, y, half_width: None }
+        Curve { name: name.to_owned(), style, x, y, also: None, half_width: None }
     })
 }
 
@@ -113,6 +114,7 @@ fn direction(
         style,
         x: axis.targets.iter().map(|t| t.target_m * 1e3).collect(),
         y: axis.targets.iter().map(|t| pick(t).map(|d| um(d.mean_m))).collect(),
+        also: None,
         half_width: Some(axis.targets.iter().map(|t| Some(2.0 * um(pick(t)?.deviation_m?))).collect()),
     }
 }

@@ -163,6 +163,7 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
         style: CurveStyle::Points(1),
         x: (1..=residuals.len()).map(|k| k as f64).collect(),
         y: residuals.iter().map(|r| Some(um(*r))).collect(),
+        also: None,
         half_width: None,
     };
     sections.push(Section::LinePlot(LinePlot {

@@ -262,6 +262,7 @@ fn pose_figure(centres: &[SphereCentre]) -> Option<Section> {
         style: CurveStyle::PointsBeside(component as u8 + 1, [-8, 0, 8][component]),
         x: rows.iter().map(|(pose, _)| *pose).collect(),
         y: rows.iter().map(|(_, i)| Some(fitted.residuals_m[*i][component] * 1e6)).collect(),
+        also: None,
         half_width: None,
     };
     Some(Section::LinePlot(LinePlot {
@@ -293,6 +294,7 @@ fn position_figures(positions: &[PositionSummary]) -> Vec<Section> {
             style,
             x: own.iter().map(|p| p.target_m * 1e3).collect(),
             y: own.iter().map(|p| of(p).0.map(|m| m * 1e6)).collect(),
+            also: None,
             half_width: Some(own.iter().map(|p| of(p).1.map(|m| 2.0 * m * 1e6)).collect()),
         };
         LinePanel {

@@ -86,6 +86,7 @@ fn panel(rows: &[ResidualVector], name: &str) -> Option<LinePanel> {
                 is_known.then(|| row.residual_m[component] * 1e6)
             })
             .collect(),
+        also: None,
         half_width: None,
     };
     let curves = (0..3).map(curve).filter(|curve| curve.y.iter().any(Option::is_some)).collect();

@@ -138,7 +138,12 @@ fn picture(sources: &Sources, plan: &Plan) -> Section {
             .map(|s| IsoPoint { name: s.name.clone(), at: millimetres(s.position_m) })
             .collect(),
         lines: ends
-            .map(|(line, from, to)| IsoLine { point: Some(line.station), from: millimetres(from), to: millimetres(to) })
+            .map(|(line, from, to)| IsoLine {
+                names: vec![line.name.clone()],
+                point: Some(line.station),
+                from: millimetres(from),
+                to: millimetres(to),
+            })
             .collect(),
     })
 }

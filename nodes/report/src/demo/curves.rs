@@ -77,6 +77,7 @@ impl ErrorCurve {
             style: CurveStyle::Line(1),
             x: self.position_mm.clone(),
             y: self.value.clone(),
+            also: None,
             half_width: self.half_width_95.clone(),
         }];
         if let Some(truth) = &self.truth {
@@ -85,6 +86,7 @@ impl ErrorCurve {
                 style: CurveStyle::Reference,
                 x: self.position_mm.clone(),
                 y: truth.clone(),
+                also: None,
                 half_width: None,
             });
         }

@@ -1,7 +1,7 @@
 //! Chapters "Stations" and "Model and evidence": tables, sketch, order choice, identifiability, rejected readings.
 
 use super::build::heading;
-use super::{DemoReport, MeasuringVolume};
+use super::{DemoReport, MeasuredLine, MeasuringVolume};
 use crate::digits;
 use crate::sections::{Cell, Column, IsoLine, IsoPoint, Isometric, Section, TableSection};
 
@@ -57,11 +57,18 @@ impl DemoReport {
 
     fn sketch(&self, volume: MeasuringVolume) -> Isometric {
         let index_of = |name: &str| self.stations.iter().position(|s| s.name == name);
-        let measured = self.lines.iter().map(|line| IsoLine { point: None, from: line.from_mm, to: line.to_mm });
+        let names = |line: &MeasuredLine| vec![line.station.clone(), line.name.clone()];
+        let measured = self.lines.iter().map(|line| IsoLine {
+            names: names(line),
+            point: None,
+            from: line.from_mm,
+            to: line.to_mm,
+        });
         // A line of sight to the middle of each measured line: where the beams of a station went.
         let sights = self.lines.iter().filter_map(|line| {
             let station = index_of(&line.station)?;
             Some(IsoLine {
+                names: names(line),
                 point: Some(station),
                 from: self.stations[station].position_mm,
                 to: std::array::from_fn(|i| line.from_mm[i] / 2.0 + line.to_mm[i] / 2.0),
@@ -161,7 +168,12 @@ impl DemoReport {
     }
 
     fn rejected_table(&self) -> TableSection {
-        let mut columns = vec![Column::number("row", "1"), Column::text("station"), Column::number("time", "s")];
+        let mut columns = vec![
+            Column::number("row", "1"),
+            Column::text("station"),
+            Column::text("line"),
+            Column::number("time", "s"),
+        ];
         columns.extend(["x", "y", "z"].map(|axis| Column::number(axis, "mm")));
         columns.push(Column::number("residual", "µm"));
         columns.push(Column::number("residual / σ", "1"));
@@ -178,7 +190,8 @@ impl DemoReport {
 
 impl super::RejectedReading {
     fn row(&self) -> Vec<Option<Cell>> {
-        let mut row = vec![Cell::count(self.row), Cell::text(&self.station), Cell::maybe(self.time_s, 1)];
+        let mut row =
+            vec![Cell::count(self.row), Cell::text(&self.station), Cell::text(&self.line), Cell::maybe(self.time_s, 1)];
         row.extend(self.position_mm.map(|v| Cell::number(v, 2)));
         row.push(Cell::result(self.residual_um));
         row.push(Cell::maybe(self.normalised, 1));

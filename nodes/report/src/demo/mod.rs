@@ -99,6 +99,9 @@ pub struct StepDuration {
 pub struct Residual {
     /// Name of the station, as in the list of stations.
     pub station: String,
+    /// Name of the line that it was read on.
+    #[serde(default)]
+    pub line: String,
     /// Time since the campaign began.
     pub time_s: f64,
     /// Indicated position.
@@ -199,6 +202,9 @@ pub struct MeasuringVolume {
 /// A line of points measured from a station.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredLine {
+    /// Its name.
+    #[serde(default)]
+    pub name: String,
     /// Name of the station.
     pub station: String,
     /// First point.
@@ -253,6 +259,9 @@ pub struct RejectedReading {
     pub row: usize,
     /// Name of the station.
     pub station: String,
+    /// Name of the line that it was read on.
+    #[serde(default)]
+    pub line: String,
     /// Time since the campaign began.
     pub time_s: Option<f64>,
     /// Indicated position.

@@ -1,6 +1,6 @@
 //! Chapter "Residuals of the fit": maps by position, histograms, over time, by station.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::build::heading;
 use super::{DemoReport, Residual};
@@ -40,11 +40,15 @@ impl DemoReport {
 
     fn residual_map(&self) -> ResidualMap {
         let cell_mm = self.map_cell_mm();
-        let panel = |(h, v): (usize, usize)| MapPanel {
-            title: format!("{}{}", AXES[h], AXES[v]),
-            x: Axis::new(AXES[h], "mm"),
-            y: Axis::new(AXES[v], "mm"),
-            points: self.cell_means(h, v, cell_mm),
+        let panel = |(h, v): (usize, usize)| {
+            let (points, of) = self.cell_means(h, v, cell_mm).into_iter().unzip();
+            MapPanel {
+                title: format!("{}{}", AXES[h], AXES[v]),
+                x: Axis::new(AXES[h], "mm"),
+                y: Axis::new(AXES[v], "mm"),
+                points,
+                of,
+            }
         };
         let limit = self.fit.declared_sigma_um.filter(|&s| s > 0.0);
         let scale = if limit.is_some() { " The colour scale ends at the declared σ of a single reading." } else { "" };
@@ -68,20 +72,25 @@ impl DemoReport {
         (longest / MAP_CELLS).ceil().max(1.0)
     }
 
-    /// Means of position and residual over the cells of a view, in the order of the cells.
-    fn cell_means(&self, h: usize, v: usize, cell_mm: f64) -> Vec<MapPoint> {
-        let mut cells: BTreeMap<(i64, i64), (f64, [f64; 3])> = BTreeMap::new();
+    /// Means of position and residual over the cells of a view, in the order of the cells, and the stations and lines read there.
+    fn cell_means(&self, h: usize, v: usize, cell_mm: f64) -> Vec<(MapPoint, Vec<String>)> {
+        type Cell<'r> = (f64, [f64; 3], BTreeSet<&'r str>, BTreeSet<&'r str>);
+        let mut cells: BTreeMap<(i64, i64), Cell> = BTreeMap::new();
         for residual in &self.residuals {
             let (x, y) = (residual.position_mm[h], residual.position_mm[v]);
             let key = ((x / cell_mm).round() as i64, (y / cell_mm).round() as i64);
-            let (count, sums) = cells.entry(key).or_default();
+            let (count, sums, stations, lines) = cells.entry(key).or_default();
             *count += 1.0;
+            stations.insert(&residual.station);
+            lines.insert(&residual.line);
             for (sum, value) in sums.iter_mut().zip([x, y, residual.residual_um]) {
                 *sum += value;
             }
         }
-        let mean =
-            |(count, [x, y, value]): (f64, [f64; 3])| MapPoint { x: x / count, y: y / count, value: value / count };
+        let mean = |(count, [x, y, value], stations, lines): Cell| {
+            let of = stations.into_iter().chain(lines).map(str::to_owned).collect();
+            (MapPoint { x: x / count, y: y / count, value: value / count }, of)
+        };
         cells.into_values().map(mean).collect()
     }
 
@@ -111,22 +120,20 @@ impl DemoReport {
     }
 
     fn over_time(&self) -> LinePlot {
-        let curves = self
-            .station_names()
-            .into_iter()
-            .enumerate()
-            .map(|(index, name)| {
-                let of: Vec<&Residual> = self.residuals.iter().filter(|r| r.station == name).collect();
-                Curve {
-                    // As in every other figure and table: the page picks stations out by their names.
-                    name,
-                    style: CurveStyle::Points((index % 8 + 1) as u8),
-                    x: of.iter().map(|r| r.time_s / 60.0).collect(),
-                    y: of.iter().map(|r| Some(r.residual_um)).collect(),
-                    half_width: None,
-                }
-            })
-            .collect();
+        let curve = |index: usize, of: &[&Residual]| Curve {
+            // As in every other figure and table: the page picks stations and lines out by their names.
+            name: of[0].station.clone(),
+            also: Some(of[0].line.clone()),
+            style: CurveStyle::Points((index % 8 + 1) as u8),
+            x: of.iter().map(|r| r.time_s / 60.0).collect(),
+            y: of.iter().map(|r| Some(r.residual_um)).collect(),
+            half_width: None,
+        };
+        let curves = self.station_names().into_iter().enumerate().flat_map(|(index, name)| {
+            let of: Vec<&Residual> = self.residuals.iter().filter(|r| r.station == name).collect();
+            of.chunk_by(|a, b| a.line == b.line).map(|line| curve(index, line)).collect::<Vec<_>>()
+        });
+        let curves = curves.collect();
         LinePlot {
             title: "Residual against time, by station".to_owned(),
             note: None,

@@ -154,5 +154,5 @@ impl View {
 
 fn curve(name: String, style: CurveStyle, points: &[Point]) -> Curve {
     let found = binned(points);
-    Curve { name, style, x: found.x, y: found.y, half_width: Some(found.half_width) }
+    Curve { name, style, x: found.x, y: found.y, also: None, half_width: Some(found.half_width) }
 }

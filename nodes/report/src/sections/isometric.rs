@@ -1,5 +1,7 @@
 //! Volume, stations and lines in an isometric view (x to the lower right, y to the upper right, z up).
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::ReportError;
@@ -23,8 +25,11 @@ pub struct IsoPoint {
 }
 
 /// A line; lines of one series share a colour with the point of that index.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct IsoLine {
+    /// What it belongs to, such as its station and itself as a line: the page picks it out by them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub names: Vec<String>,
     /// Index of the point whose colour it takes; `None` for the colour of the axes.
     pub point: Option<usize>,
     /// One end, in the unit of the view.
@@ -57,6 +62,9 @@ fn project([x, y, z]: [f64; 3]) -> (f64, f64) {
     let (cos30, sin30) = (0.75_f64.sqrt(), 0.5);
     ((x + y) * cos30, (x - y) * sin30 - z)
 }
+
+/// Straight lines, px.
+type Segments = Vec<[(f64, f64); 2]>;
 
 /// The map from the projected plane to pixels.
 struct View {
@@ -124,8 +132,9 @@ impl Isometric {
         self.draw_edges(&mut svg, &view, true);
         self.draw_lines(&mut svg, &view);
         self.draw_edges(&mut svg, &view, false);
-        self.draw_axis_names(&mut svg, &view);
         self.draw_points(&mut svg, &view);
+        // Last: a drop of a station went through them.
+        self.draw_axis_names(&mut svg, &view);
         svg.finish(&self.title)
     }
 
@@ -144,17 +153,23 @@ impl Isometric {
         svg.segments(if hidden { "hid" } else { "vol" }, &edges);
     }
 
+    /// Lines of sight of each point, then those of none above them; lines of the same names are one shape.
     fn draw_lines(&self, svg: &mut Svg, view: &View) {
-        let of = |point: Option<usize>| {
-            let chosen = self.lines.iter().filter(move |l| l.point == point);
-            chosen.map(|l| [view.map(l.from), view.map(l.to)]).collect::<Vec<_>>()
-        };
-        for index in 0..self.points.len() {
-            svg.name(self.points.get(index).map(|point| point.name.as_str()));
-            svg.segments(&format!("hair l{}", class_of(index)), &of(Some(index)));
+        let points = (0..self.points.len()).map(Some).chain([None]);
+        for point in points {
+            let class = point.map_or_else(|| "ax".to_owned(), |index| format!("hair l{}", class_of(index)));
+            let mut named: BTreeMap<&[String], Segments> = BTreeMap::new();
+            for line in self.lines.iter().filter(|line| line.point == point) {
+                named.entry(&line.names).or_default().push([view.map(line.from), view.map(line.to)]);
+            }
+            for (names, segments) in named {
+                let own = point.and_then(|index| self.points.get(index)).map(|point| point.name.as_str());
+                let others = names.iter().map(String::as_str).filter(|name| Some(*name) != own);
+                svg.names(own.into_iter().chain(others));
+                svg.segments(&class, &segments);
+            }
         }
         svg.name(None);
-        svg.segments("ax", &of(None));
     }
 
     fn draw_axis_names(&self, svg: &mut Svg, view: &View) {

@@ -25,7 +25,7 @@ pub enum State {
 
 impl State {
     /// Of so many states in a row, before first and after last.
-    pub(crate) fn of(index: usize, count: usize) -> Self {
+    pub fn of(index: usize, count: usize) -> Self {
         match index {
             0 => Self::Before,
             index if index + 1 == count => Self::After,
@@ -153,6 +153,9 @@ impl CurveStyle {
 pub struct Curve {
     /// Name in the legend; curves of one name share one entry.
     pub name: String,
+    /// What its points belong to beside its name, such as one line of a station: the page picks them out by either.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub also: Option<String>,
     /// How it is drawn.
     pub style: CurveStyle,
     /// Positions in the unit of the panel's x axis.
@@ -221,15 +224,19 @@ impl Curve {
         }
     }
 
-    /// `beside` is the share of the shift of its points that there is room for.
-    fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale, beside: f64) {
+    fn names(&self) -> impl Iterator<Item = &str> {
+        [Some(self.name.as_str()), self.also.as_deref()].into_iter().flatten()
+    }
+
+    /// `beside` is the share of the shift of its points that there is room for, `count` that of all points of its name.
+    fn draw(&self, svg: &mut Svg, (x, y): (&Scale, &Scale), beside: f64, count: usize) {
         let marker = self.style.marker();
+        let step = if marker.is_some() { one_in(count) } else { 1 };
         let beside_px = (f64::from(self.style.beside_px()) * beside) as i8;
-        let step = if marker.is_some() { one_in(self.x.len()) } else { 1 };
         for run in self.runs() {
             let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
             match marker {
-                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, beside_px),
+                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, (beside_px, count)),
                 None => svg.path(&self.style.stroke_class(), &pixels, false),
             }
         }
@@ -273,9 +280,11 @@ impl LinePlot {
 
     /// The note, with what the drawing leaves out of curves of very many points.
     pub(crate) fn full_note(&self) -> Option<String> {
-        let curves = self.panels.iter().flat_map(|p| &p.curves);
-        let points = curves.filter(|c| c.style.marker().is_some());
-        let step = points.map(|c| one_in(c.x.len())).max().unwrap_or(1);
+        let points = |panel: &LinePanel| {
+            let points = panel.curves.iter().filter(|curve| curve.style.marker().is_some());
+            points.map(|curve| one_in(panel.points_of(&curve.name))).max()
+        };
+        let step = self.panels.iter().filter_map(points).max().unwrap_or(1);
         let thinned = (step > 1).then(|| format!("One point in {step} is drawn; all of them are in the JSON file."));
         let parts: Vec<String> = self.note.iter().cloned().chain(thinned).collect();
         (!parts.is_empty()).then(|| parts.join(" "))
@@ -308,6 +317,11 @@ impl LinePanel {
         let wanted = (area.width / 60.0) as usize;
         let counts = self.x.unit == "1" && self.curves.iter().flat_map(|c| &c.x).all(|x| x.fract() == 0.0);
         if counts { wanted.min((high - low) as usize + 1) } else { wanted }
+    }
+
+    /// All points of a name, whatever else they belong to.
+    fn points_of(&self, name: &str) -> usize {
+        self.curves.iter().filter(|curve| curve.name == name).map(|curve| curve.x.len()).sum()
     }
 
     /// Share of the shifts of points beside each other with which none comes near those of the next position.
@@ -346,13 +360,13 @@ impl LinePanel {
         begin_panel(svg, area, &x, &y, &labels);
         svg.line("zero", (area.left, y.map(0.0)), (area.right(), y.map(0.0)));
         for curve in &self.curves {
-            svg.name(Some(&curve.name));
+            svg.names(curve.names());
             curve.draw_band(svg, &x, &y);
         }
         let beside = self.room_beside(&x);
         for curve in &self.curves {
-            svg.name(Some(&curve.name));
-            curve.draw(svg, &x, &y, beside);
+            svg.names(curve.names());
+            curve.draw(svg, (&x, &y), beside, self.points_of(&curve.name));
         }
         end_panel(svg);
         if all().next().is_none() {

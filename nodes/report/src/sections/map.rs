@@ -1,5 +1,7 @@
 //! Positions coloured by a signed value (a residual) on a scale symmetric about zero.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::Axis;
@@ -44,6 +46,10 @@ pub struct MapPanel {
     pub y: Axis,
     /// Points.
     pub points: Vec<MapPoint>,
+    /// What each point belongs to, such as the stations and lines whose readings it is the mean of: the page picks it out by them.
+    /// Empty where points belong to nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of: Vec<Vec<String>>,
 }
 
 /// Positions coloured by a signed value; panels side by side, true to scale, one colour bar.
@@ -71,6 +77,15 @@ impl ResidualMap {
         if self.panels.len() > 4 {
             let what = format!("{} panels", self.panels.len());
             return Err(ReportError::shape(&self.title, what, "split the map, at most 4 panels fit side by side"));
+        }
+        if let Some(panel) = self.panels.iter().find(|p| !p.of.is_empty() && p.of.len() != p.points.len()) {
+            let what = format!(
+                "panel '{}' says of {} points what they belong to, and has {}",
+                panel.title,
+                panel.of.len(),
+                panel.points.len()
+            );
+            return Err(ReportError::shape(&self.title, what, "say it of every point or of none"));
         }
         match self.panels.iter().find(|p| p.x.unit != p.y.unit) {
             Some(panel) => {
@@ -138,6 +153,9 @@ impl ResidualMap {
     }
 }
 
+/// Dots of one colour that belong to the same: places (px) and values.
+type Dots = (Vec<(f64, f64)>, Vec<f64>);
+
 /// Length of a range.
 fn span((low, high): (f64, f64)) -> f64 {
     high - low
@@ -168,20 +186,23 @@ impl MapPanel {
             y_ticks: (area.height / 40.0) as usize,
         };
         begin_panel(svg, area, &x, &y, &labels);
-        let mut classes = vec![(Vec::new(), Vec::new()); DIVERGING_STEPS];
-        for point in drawn(&self.points, one_in(self.points.len())) {
-            let (places, values) = &mut classes[diverging_step(point.value, limit)];
-            places.push((x.map(point.x), y.map(point.y)));
-            values.push(point.value);
-        }
         // Small residuals first, so that the large ones are never hidden below them.
         let middle = DIVERGING_STEPS / 2;
-        let mut order: Vec<usize> = (0..DIVERGING_STEPS).collect();
-        order.sort_by_key(|&step| step.abs_diff(middle));
-        for step in order {
-            let size = if self.points.len() > SPARSE { "" } else { "dot3 " };
-            svg.dots(&format!("{size}d{step}"), &classes[step].0, &classes[step].1);
+        let mut groups: BTreeMap<(usize, usize, &[String]), Dots> = BTreeMap::new();
+        let places: Vec<usize> = (0..self.points.len()).collect();
+        for place in drawn(&places, one_in(places.len())) {
+            let (point, of) = (self.points[*place], self.of.get(*place).map_or(&[][..], Vec::as_slice));
+            let step = diverging_step(point.value, limit);
+            let (dots, values) = groups.entry((step.abs_diff(middle), step, of)).or_default();
+            dots.push((x.map(point.x), y.map(point.y)));
+            values.push(point.value);
         }
+        let size = if self.points.len() > SPARSE { "" } else { "dot3 " };
+        for ((_, step, of), (dots, values)) in groups {
+            svg.names(of.iter().map(String::as_str));
+            svg.dots(&format!("{size}d{step}"), &dots, &values);
+        }
+        svg.name(None);
         end_panel(svg);
         if self.points.is_empty() {
             draw_empty(svg, area);

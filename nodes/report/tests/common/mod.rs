@@ -143,6 +143,8 @@ fn residuals(source: &mut Source, count: usize) -> Vec<Residual> {
             let drift = 0.1 * (i as f64 / 300.0).sin() + 0.15 * (p[0] / 800.0 - 0.5);
             Residual {
                 station: station.0.into(),
+                // Three lines a station, one after the other.
+                line: format!("{}-{}", station.0, 3 * (i * STATIONS.len() % count) / count),
                 time_s: i as f64 * 4.2 + 600.0 * (i * STATIONS.len() / count) as f64,
                 position_mm: p,
                 residual_um: drift + source.normal(sigma),
@@ -214,7 +216,8 @@ fn lines() -> Vec<MeasuredLine> {
         for j in 0..3 {
             for k in 0..3 {
                 let (y, z) = (300.0 * f64::from(j), 300.0 * f64::from(k));
-                lines.push(MeasuredLine { station: station.into(), from_mm: [0.0, y, z], to_mm: [800.0, y, z] });
+                let name = format!("{station}-{}", 3 * j + k);
+                lines.push(MeasuredLine { name, station: station.into(), from_mm: [0.0, y, z], to_mm: [800.0, y, z] });
             }
         }
     }
@@ -268,6 +271,7 @@ fn rejected(source: &mut Source, count: usize) -> Vec<RejectedReading> {
         .map(|i| RejectedReading {
             row: 37 + 101 * i,
             station: STATIONS[i % 5].0.into(),
+            line: format!("{}-1", STATIONS[i % 5].0),
             time_s: (i != 3).then_some(155.4 + 424.2 * i as f64),
             position_mm: source.point_mm(),
             residual_um: Some(source.normal(4.0)),

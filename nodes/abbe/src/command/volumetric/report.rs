@@ -191,6 +191,7 @@ fn diagonals(answer: &Answer) -> Section {
                 style: CurveStyle::Points(3),
                 x: targets.iter().map(|t| t.distance_m * 1e3).collect(),
                 y: targets.iter().map(|t| Some(t.deviation_m * 1e6)).collect(),
+                also: None,
                 half_width: None,
             });
         }
@@ -214,6 +215,7 @@ fn predicted(points: &[LinePoint]) -> Curve {
         style: CurveStyle::LineOf(State::Before),
         x: points.iter().map(|p| p.distance_m * 1e3).collect(),
         y: points.iter().map(|p| Some(p.deviation_m * 1e6)).collect(),
+        also: None,
         half_width: Some(points.iter().map(|p| Some(2e6 * p.u_m)).collect()),
     }
 }
