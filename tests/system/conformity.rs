@@ -150,6 +150,9 @@ fn a_residual_model_takes_away_length_error_that_geometry_leaves() {
     );
     let page = fs::read_to_string(format!("{out}/report.html")).unwrap();
     assert_says(&page, &["model.json, SHA-256 ", "residual.json, SHA-256 ", "bridge_xyz.toml, SHA-256 "]);
+    for state in ["mark fB", "mark fM", "mark fA"] {
+        assert!(page.contains(state), "the switch has something to act upon: {state}");
+    }
     let largest = |stage: &str| figures[stage]["largest_error_um"].as_f64().unwrap().abs();
     let [before, geometric, after] = ["before", "geometric", "after"].map(largest);
     assert!(before > 10.0 * geometric && after < 0.85 * geometric, "{before} {geometric} {after}");

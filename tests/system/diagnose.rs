@@ -367,7 +367,12 @@ fn positioning_runs_need_no_model() {
     assert!(!found["effects"].as_array().unwrap().is_empty(), "{}", found["verdict"]);
     assert!(number(&found["after"]["held_out_rms_um"]) < 0.3 * number(&found["before"]["held_out_rms_um"]));
     assert!(!bench.path("out/model.json").exists() && found["model_out"].is_null());
-    assert_says(&bench.read("out/report.html"), &["What was measured", "Ladder"]);
+    let page = bench.read("out/report.html");
+    assert_says(&page, &["What was measured", "Ladder", "Before and after what was found"]);
+    assert!(
+        page.contains("class=\"ln lB\"") && page.contains("class=\"ln lA\""),
+        "the switch has something to act upon"
+    );
 
     let model = bench.write("model.json", "{}");
     let arguments = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &bench.text("out")];
@@ -411,6 +416,8 @@ fn residual_vectors_of_other_software_are_diagnosed_and_checked() {
     run(["diagnose", "--residuals", &good, "--out", &out]).ok();
     let page = fs::read_to_string(format!("{out}/report.html")).unwrap();
     assert!(page.contains("<h3>Residual vectors in space</h3>") && page.contains("<h3>Residual over "), "no picture");
+    assert!(page.contains("Residual by component, before and after what was found"));
+    assert!(page.contains("vec lB") && page.contains("vec lA"), "vectors before and after");
     let found = json(&bench, "out/diagnosis.json");
     let effect = &found["effects"][0];
     assert_eq!(effect["kind"], "empirical", "{}", found["verdict"]);

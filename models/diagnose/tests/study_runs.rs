@@ -5,7 +5,7 @@ use crate::screw;
 use crate::screw::predicted_at_m;
 use crate::seeds::{one_in_twenty, seeds};
 use abbe_diagnose::study::runs::{Approach, Run, diagnose, positions};
-use abbe_diagnose::study::{StudyDiagnosis, StudyOptions, Terms};
+use abbe_diagnose::study::{LeftOver, StudyDiagnosis, StudyOptions, Terms};
 use abbe_geometry::unseen_expansion::UnseenExpansion;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -91,6 +91,13 @@ fn assert_found(error: Error, wanted: &[&str]) {
     for seed in 0..seeds(20) {
         let diagnosis = study(PLAN, error, 1000 + seed);
         let found = names(&diagnosis);
+        let left = |of: fn(&LeftOver) -> f64| {
+            let square: f64 = diagnosis.left.iter().map(|own| of(own).powi(2)).sum();
+            (square / diagnosis.left.len() as f64).sqrt() * 1e6
+        };
+        // What is told row by row is what is told of all of them.
+        assert!((left(|own| own.before_m) / diagnosis.before.rms_um - 1.0).abs() < 1e-9);
+        assert!((left(|own| own.after_m) / diagnosis.after.rms_um - 1.0).abs() < 1e-9);
         let is_right = found.len() == 1 && wanted.iter().any(|name| found[0].starts_with(name));
         let (before, after) = (diagnosis.before.held_out.rms_um, diagnosis.after.held_out.rms_um);
         let gained = diagnosis.after.estimated_sigma_um < 1.15 * SIGMA_M * 1e6 && after < 0.85 * before;

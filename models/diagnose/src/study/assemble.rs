@@ -9,7 +9,7 @@ use super::contradictions::contradictions;
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
-use super::outcome::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
+use super::outcome::{Ambiguity, Blocks, Effect, LackOfFit, LeftOver, Parameter, Rung, StudyDiagnosis};
 use super::outliers::outliers;
 use super::placing::{placed, tried};
 use super::scatter_left::scatter_left;
@@ -59,7 +59,8 @@ pub(super) fn diagnose(
     let last = view.adapt(&found.set)?;
     tell_aliases(&mut view, &found.set)?;
     // In the noise that is left when all is found: what is missing is no noise, and the errors before and after can be compared.
-    let before = judge(&view, &Fit::settle(&view, &[])?);
+    let bare = Fit::settle(&view, &[])?;
+    let (before, left) = (judge(&view, &bare), left(&view, &bare, &last));
     let p_after = lack_of_fit(&view, &last)?;
     let after = judge(&view, &last);
     let lack_of_fit = p_before.map(|(of, p_before)| LackOfFit {
@@ -106,6 +107,7 @@ pub(super) fn diagnose(
         unseen,
         noise,
         rejected: rejected(study, &gross),
+        left,
         looked,
         ladder,
         considered: found.considered,
@@ -120,6 +122,17 @@ pub(super) fn diagnose(
         is_stopped: found.is_stopped,
         notes: [partial, study.notes(), hidden, checked].concat(),
     })
+}
+
+/// What two fits leave of each row.
+fn left(view: &View, before: &Fit, after: &Fit) -> Vec<LeftOver> {
+    let both = before.raw_residuals.iter().zip(&after.raw_residuals).zip(view.kept());
+    let one = |((before, after), row): ((&f64, &f64), &usize)| {
+        let (given, component) = view.study.given(*row)?;
+        let unit_m = view.study.row_unit_m(*row);
+        Some(LeftOver { row: given, component, before_m: before * unit_m, after_m: after * unit_m })
+    };
+    both.filter_map(one).collect()
 }
 
 /// Number of rows, where any of them is off by what an instrument shows beyond what the base model takes out.

@@ -347,6 +347,11 @@ pub(crate) trait Study: Sync {
         format!("row {}", row + 1)
     }
 
+    /// Which row of what was given this is, and which of its components; `None` where it is made of several.
+    fn given(&self, _row: usize) -> Option<(usize, usize)> {
+        None
+    }
+
     /// What must have been looked at before nothing is said to be missing.
     fn questions(&self) -> Vec<Question> {
         Vec::new()

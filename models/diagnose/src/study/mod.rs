@@ -46,8 +46,8 @@ mod view;
 mod waves;
 
 pub use outcome::{
-    Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, LackOfFit, Look, Parameter,
-    RejectedRow, Rung, SeriesNoise, StudyDiagnosis, Unseen, Untestable,
+    Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, LackOfFit, LeftOver, Look,
+    Parameter, RejectedRow, Rung, SeriesNoise, StudyDiagnosis, Unseen, Untestable,
 };
 pub use search::{Observe, Progress, StudyOptions};
 pub use terms::{Term, Terms};

@@ -205,6 +205,19 @@ pub struct RejectedRow {
     pub deviations: f64,
 }
 
+/// What is left of one row, or of a component of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOver {
+    /// Row as it was given, from 0.
+    pub row: usize,
+    /// Component x, y, z as 0, 1, 2; 0 for runs.
+    pub component: usize,
+    /// By the base model (m).
+    pub before_m: f64,
+    /// With everything found (m).
+    pub after_m: f64,
+}
+
 /// One thing that was looked at before anything was said to be noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
@@ -261,6 +274,8 @@ pub struct StudyDiagnosis {
     pub noise: Vec<SeriesNoise>,
     /// Rows left out as gross errors.
     pub rejected: Vec<RejectedRow>,
+    /// What is left of each row that counts; none where rows of the study are made of several.
+    pub left: Vec<LeftOver>,
     /// What was looked at before anything was called noise.
     pub looked: Vec<Look>,
     /// From the base model to all effects; the choice of effects saw the blocks that are left out here.

@@ -126,6 +126,11 @@ impl<'a> View<'a> {
         self.kept.binary_search(&row).is_ok()
     }
 
+    /// Rows of the study that are kept, in order.
+    pub(super) fn kept(&self) -> &[usize] {
+        &self.kept
+    }
+
     pub(super) fn len(&self) -> usize {
         self.kept.len()
     }

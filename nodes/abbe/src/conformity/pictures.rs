@@ -3,10 +3,10 @@
 //! Place in the flow: sections of the report. mm and µm.
 
 use super::um;
-use abbe_conformity::length::LengthErrors;
+use abbe_conformity::length::{LengthErrors, LengthSet};
 use abbe_conformity::positioning::{AxisFigures, DirectionFigures, TargetFigures};
 use abbe_conformity::{MaximumPermissibleError, SupportedLimit};
-use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
+use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section, State};
 
 /// Colour of the tightest limit: beside the seven lines of the test, whose points have those before it.
 const TIGHTEST: u8 = 8;
@@ -28,8 +28,7 @@ pub(crate) fn errors_against_length(
     let tightest_at = |length_m: f64| tightest.at_m(length_m);
     curves.extend(both_sides("tightest A + L/K", CurveStyle::Line(TIGHTEST), longest_m, &tightest_at));
     if let Some(limit) = limit {
-        let at = |length_m: f64| limit.at(length_m).metres();
-        curves.extend(both_sides("limit", CurveStyle::Reference, longest_m, &at));
+        curves.extend(limit_lines(limit, longest_m));
     }
     let note = match errors.lines.len() {
         1 => "Error of length measurement = measured − calibrated; every single measurement is a point.",
@@ -52,17 +51,63 @@ pub(crate) fn errors_against_length(
     })
 }
 
-fn points(errors: &LengthErrors, line: &str, (series, all_lines): (usize, usize)) -> Curve {
-    let own = errors.sets.iter().filter(|set| set.line == line);
+/// Errors of all lines as they are before and after a correction, each state in its colour, and the limit.
+pub(crate) fn states_against_length(
+    stages: &[(&str, State, &LengthErrors)],
+    limit: Option<&MaximumPermissibleError>,
+) -> Section {
+    let lines = stages.iter().flat_map(|(_, _, errors)| &errors.lines);
+    let longest_m = lines.map(|line| line.longest_m).fold(0.0, f64::max);
+    let mut curves: Vec<Curve> = stages
+        .iter()
+        .map(|(title, state, errors)| Curve {
+            name: (*title).to_owned(),
+            style: CurveStyle::PointsOf(*state),
+            ..measurements(errors.sets.iter())
+        })
+        .collect();
+    if let Some(limit) = limit {
+        curves.extend(limit_lines(limit, longest_m));
+    }
+    Section::LinePlot(LinePlot {
+        title: "Errors against length, before and after correction".to_owned(),
+        note: Some(
+            "Every single measurement of every line is a point; the chapters below tell the lines apart.".to_owned(),
+        ),
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: String::new(),
+            x: Axis::new("calibrated length", "mm"),
+            y: Axis::new("error", "µm"),
+            curves,
+        }],
+    })
+}
+
+fn limit_lines(limit: &MaximumPermissibleError, longest_m: f64) -> [Curve; 2] {
+    both_sides("limit", CurveStyle::Reference, longest_m, &|length_m| limit.at(length_m).metres())
+}
+
+/// Every measurement of some gauges: error over length.
+fn measurements<'a>(sets: impl Iterator<Item = &'a LengthSet>) -> Curve {
     let all: Vec<(f64, f64)> =
-        own.flat_map(|set| set.errors.iter().map(|e| (set.calibrated_m * 1e3, um(e.metres())))).collect();
+        sets.flat_map(|set| set.errors.iter().map(|e| (set.calibrated_m * 1e3, um(e.metres())))).collect();
     Curve {
-        name: line.to_owned(),
-        style: CurveStyle::PointsBeside(series as u8 + 1, beside_px(series, all_lines)),
+        name: String::new(),
+        style: CurveStyle::Points(1),
         x: all.iter().map(|(x, _)| *x).collect(),
         y: all.iter().map(|(_, y)| Some(*y)).collect(),
         also: None,
         half_width: None,
+    }
+}
+
+fn points(errors: &LengthErrors, line: &str, (series, all_lines): (usize, usize)) -> Curve {
+    Curve {
+        name: line.to_owned(),
+        style: CurveStyle::PointsBeside(series as u8 + 1, beside_px(series, all_lines)),
+        ..measurements(errors.sets.iter().filter(|set| set.line == line))
     }
 }
 

@@ -5,7 +5,7 @@
 //! as model and residual model do. The models see the campaign only.
 
 use super::lengths;
-use super::{Limits, Outside, Product};
+use super::{Limits, Outside, Product, pictures};
 use crate::command::simulate;
 use crate::pipeline::software;
 use crate::provenance::{file_name, hashed};
@@ -234,6 +234,12 @@ fn made_from(
 
 fn report(meta: Vec<MetaItem>, stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Report> {
     let mut sections = answer(stages, limits, rule);
+    let states: Vec<_> = stages
+        .iter()
+        .enumerate()
+        .map(|(k, stage)| (stage.title, abbe_report::State::of(k, stages.len()), &stage.errors))
+        .collect();
+    sections.push(pictures::states_against_length(&states, limits.length.as_ref()));
     for Stage { title, errors, .. } in stages {
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
         sections.extend(lengths::sections(errors, limits, rule)?);

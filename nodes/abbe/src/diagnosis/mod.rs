@@ -6,6 +6,7 @@
 pub(crate) mod output;
 mod pictures;
 mod record;
+mod run_pictures;
 mod scoring;
 pub(crate) mod study;
 mod study_added;

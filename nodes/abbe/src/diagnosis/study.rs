@@ -3,6 +3,7 @@
 //! Place in the flow: the header of the file says which kind it is; the study of that kind gives report and JSON, and where the
 //! machine is named the model of what was found.
 
+use super::run_pictures;
 use super::study_added;
 use super::study_model;
 use super::study_record;
@@ -11,7 +12,6 @@ use super::{MODEL, Product, Request, name_of};
 use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
 pub(crate) use abbe_diagnose::study::Progress;
-use abbe_diagnose::study::runs::{PositionSummary, positions};
 use abbe_diagnose::study::{Observe, StudyDiagnosis, StudyOptions, five_axis, runs, vectors};
 use abbe_files::{
     DataSource, FileError, MachineFile, ModelFile, Place, header_names, hex, read_component_vectors_file, read_machine,
@@ -56,7 +56,7 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
             let file = read_runs_file(path)?;
             let base = machine.map_or_else(|| Base::none(NAME_THE_MACHINE), |own| Base::Machine(Box::new(own)));
             let data = Data { path, sha256: file.sha256, lines: &file.lines, base };
-            let figures = |_: &StudyDiagnosis| position_figures(&positions(&file.rows));
+            let figures = |diagnosis: &StudyDiagnosis| run_pictures::sections(&file.rows, diagnosis);
             conclude(data, request, figures, |options| runs::diagnose_observed(&file.rows, options, observe))
         }
         DataKind::SphereCentres => {
@@ -259,7 +259,7 @@ fn pose_figure(centres: &[SphereCentre]) -> Option<Section> {
     let rows: Vec<(f64, usize)> = poses.iter().enumerate().flat_map(of_pose).collect();
     let curve = |(component, name): (usize, &str)| Curve {
         name: name.to_owned(),
-        style: CurveStyle::PointsBeside(component as u8 + 1, [-8, 0, 8][component]),
+        style: CurveStyle::PointsBeside(vector_pictures::SERIES[component], [-8, 0, 8][component]),
         x: rows.iter().map(|(pose, _)| *pose).collect(),
         y: rows.iter().map(|(_, i)| Some(fitted.residuals_m[*i][component] * 1e6)).collect(),
         also: None,
@@ -281,41 +281,4 @@ fn pose_figure(centres: &[SphereCentre]) -> Option<Section> {
             curves: ["x", "y", "z"].into_iter().enumerate().map(curve).collect(),
         }],
     }))
-}
-
-/// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.
-fn position_figures(positions: &[PositionSummary]) -> Vec<Section> {
-    let mut axes: Vec<&str> = positions.iter().map(|p| p.axis.as_str()).collect();
-    axes.dedup();
-    let panel = |axis: &str| {
-        let own: Vec<&PositionSummary> = positions.iter().filter(|p| p.axis == axis).collect();
-        let curve = |name: &str, style: CurveStyle, of: fn(&PositionSummary) -> (Option<f64>, Option<f64>)| Curve {
-            name: name.to_owned(),
-            style,
-            x: own.iter().map(|p| p.target_m * 1e3).collect(),
-            y: own.iter().map(|p| of(p).0.map(|m| m * 1e6)).collect(),
-            also: None,
-            half_width: Some(own.iter().map(|p| of(p).1.map(|m| 2.0 * m * 1e6)).collect()),
-        };
-        LinePanel {
-            title: format!("Axis {axis}"),
-            x: Axis::new("target", "mm"),
-            y: Axis::new("error (actual − target)", "µm"),
-            curves: vec![
-                curve("approach +", CurveStyle::APPROACH_POSITIVE, |p| (p.mean_positive_m, p.deviation_positive_m)),
-                curve("approach −", CurveStyle::APPROACH_NEGATIVE, |p| (p.mean_negative_m, p.deviation_negative_m)),
-            ],
-        }
-    };
-    let panels: Vec<LinePanel> = axes.iter().map(|axis| panel(axis)).collect();
-    if panels.is_empty() {
-        return Vec::new();
-    }
-    vec![Section::LinePlot(LinePlot {
-        title: "What was measured".to_owned(),
-        note: Some("Mean over the cycles; the band is ± 2 standard deviations of one approach (ISO 230-2).".to_owned()),
-        columns: panels.len().min(2),
-        band_name: Some("± 2 standard deviations".to_owned()),
-        panels,
-    })]
 }

@@ -465,6 +465,10 @@ impl Study for Runs {
         &self.chains
     }
 
+    fn given(&self, row: usize) -> Option<(usize, usize)> {
+        Some((self.rows[row], 0))
+    }
+
     fn row_name(&self, row: usize) -> String {
         let run = &self.runs[row];
         let sign = if run.approach == Approach::Positive { '+' } else { '-' };

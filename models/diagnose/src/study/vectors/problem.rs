@@ -59,7 +59,7 @@ pub(super) struct Vectors<'a> {
     pub(super) vectors: &'a [ResidualVector],
     pub(super) poses: Poses,
     /// Row of the file of each vector.
-    rows_of_file: Vec<usize>,
+    pub(super) rows_of_file: Vec<usize>,
     notes: Vec<String>,
     /// Components that were measured.
     pub(super) measured: [bool; 3],
@@ -224,11 +224,6 @@ impl<'a> Vectors<'a> {
     /// What was wrong with the vectors given.
     pub(super) fn given_notes(&self) -> &[String] {
         &self.notes
-    }
-
-    /// Row of the file, from 1.
-    pub(super) fn row_of_file(&self, k: usize) -> usize {
-        self.rows_of_file[k] + 1
     }
 }
 
@@ -527,9 +522,12 @@ impl Study for Vectors<'_> {
         })
     }
 
+    fn given(&self, row: usize) -> Option<(usize, usize)> {
+        Some((self.rows_of_file[row / 3], row % 3))
+    }
+
     fn row_name(&self, row: usize) -> String {
-        let component = Axis::ALL[row % 3].lower();
-        format!("vector {} (component {component})", self.row_of_file(row / 3))
+        format!("vector {} (component {})", self.rows_of_file[row / 3] + 1, Axis::ALL[row % 3].lower())
     }
 
     fn questions(&self) -> Vec<Question> {

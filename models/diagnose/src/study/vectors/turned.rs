@@ -249,7 +249,8 @@ impl Study for Turned<'_> {
 
     fn row_name(&self, row: usize) -> String {
         let contrast = &self.list[row / 3];
-        let rows: Vec<String> = contrast.parts.iter().map(|(k, ..)| self.inner.row_of_file(*k).to_string()).collect();
+        let rows: Vec<String> =
+            contrast.parts.iter().map(|(k, ..)| (self.inner.rows_of_file[*k] + 1).to_string()).collect();
         let component = Axis::ALL[row % 3].lower();
         format!("point {}, vectors {} (component {component})", contrast.point, rows.join(" and "))
     }
