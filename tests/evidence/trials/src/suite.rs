@@ -46,7 +46,7 @@ const SINGLE: &[(&str, &str)] = &[
 ];
 
 /// One line out of two hundred: its shift (µm) is given, for it hardly reaches the verification error.
-const RUN: (&str, &str) = ("run, by its shift in µm", "outlying_run line=$line shift_um=1*");
+const RUN: (&str, &str) = ("run, by its shift in um", "outlying_run line=$line shift_um=1*");
 const RUN_LEVELS: [f64; 5] = [0.3, 0.6, 1.5, 5.0, 50.0];
 
 /// Smooth effects without a name: what they depend on.

@@ -200,7 +200,7 @@ fn failure(record: &Record) -> Option<String> {
         _ => return None,
     };
     Some(format!(
-        "{place}: {what}; injected {}; found {found}; clean {:.3} before {:.3} after {:.3} µm; chi2 {:.3} to {:.3}",
+        "{place}: {what}; injected {}; found {found}; clean {:.3} before {:.3} after {:.3} um; chi2 {:.3} to {:.3}",
         outcome.injected.join(" + "),
         outcome.clean_m * 1e6,
         outcome.before_m * 1e6,

@@ -65,7 +65,7 @@ fn finding(found: &Found) -> Finding {
         attributed: found.kind == Explanation::Attributed,
         shape: found.shape.0.iter().map(|(key, value)| (key.clone(), text(value))).collect(),
         detail: format!(
-            "{} [{}] p {:.1e}, evidence {:.1}, alias {:.2}, {:.3} µm; {}; rivals: {}",
+            "{} [{}] p {:.1e}, evidence {:.1}, alias {:.2}, {:.3} um; {}; rivals: {}",
             found.name,
             words(&found.shape),
             found.p_value,

@@ -141,7 +141,7 @@ fn told(record: &Record) -> String {
     let what = match &record.outcome {
         Err(problem) => problem.clone(),
         Ok(outcome) => format!(
-            "{:.3} → {:.3} µm (clean {:.3}): {}",
+            "{:.3} -> {:.3} um (clean {:.3}): {}",
             outcome.before_m * 1e6,
             outcome.after_m * 1e6,
             outcome.clean_m * 1e6,
