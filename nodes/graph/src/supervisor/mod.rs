@@ -99,6 +99,7 @@ pub struct Stopped {
 /// A node of this launch, running or not.
 struct Node {
     name: NodeName,
+    role: Role,
     state: State,
     ends: Ends,
     /// How often it has been started again.
@@ -194,7 +195,7 @@ impl Supervisor {
         };
         for name in NodeName::ALL.into_iter().filter(|name| launch.nodes.contains(name)) {
             let process = supervisor.spawn(name, 0, &Orders::default())?;
-            supervisor.nodes.push(Node::new(name, process));
+            supervisor.nodes.push(Node::new(name, Role::of(name, &launch), process));
         }
         Ok(supervisor)
     }
@@ -242,7 +243,7 @@ impl Supervisor {
 
     /// Whether every node of the correcting path runs, has been ready and turns its loop; a source that is done counts.
     pub fn is_healthy(&self) -> bool {
-        self.nodes.iter().filter(|node| Role::of(node.name) != Role::Beside).all(|node| match &node.state {
+        self.nodes.iter().filter(|node| node.role != Role::Beside).all(|node| match &node.state {
             State::Running(process) => node.was_ready && process.silent_for() < HANGS_AFTER,
             State::Done => true,
             State::Due(_) | State::GivenUp => false,
@@ -264,8 +265,7 @@ impl Supervisor {
         shutdown: &Shutdown,
         mut beside: impl FnMut(&Supervisor),
     ) -> Result<(), SupervisorError> {
-        let is_source = |node: &Node| Role::of(node.name) == Role::Source;
-        let ends = !self.fed_from_outside && self.nodes.iter().any(is_source);
+        let ends = !self.fed_from_outside && self.nodes.iter().any(|node| node.role.is_source());
         while !shutdown.requested() {
             match self.sources_have_ended() {
                 Ok(true) if ends => break,
@@ -312,7 +312,7 @@ impl Supervisor {
         let name = node.name.name();
         let interrupted = ended.was_interrupted();
         let failed = |remedy| Err(SupervisorError::Failed { node: name, told: ended.told(), remedy, interrupted });
-        match node.ends.judge(Role::of(node.name), ending, Instant::now()) {
+        match node.ends.judge(node.role, ending, Instant::now()) {
             Verdict::Done => {
                 node.state = State::Done;
                 node.summary = ended.summary;
@@ -338,9 +338,10 @@ impl Supervisor {
             }
             Verdict::EndLaunch => {
                 node.state = State::GivenUp;
-                failed(match (Role::of(node.name), ending.was_ready) {
+                failed(match (node.role, ending.was_ready) {
                     (_, false) => "",
-                    (Role::Source, _) => "; a source is not started again, because its recording would begin anew",
+                    (Role::Recording, _) => "; a source is not started again, because its recording would begin anew",
+                    (Role::Live, _) if ending.gave_up => "",
                     _ => "; it was started again and ended again, and correction is not possible without it",
                 })
             }
@@ -394,10 +395,11 @@ fn remove_crashed(run: &RunId) {
 }
 
 impl Node {
-    fn new(name: NodeName, process: NodeProcess) -> Node {
+    fn new(name: NodeName, role: Role, process: NodeProcess) -> Node {
         let (ends, state) = (Ends::default(), State::Running(process));
         Node {
             name,
+            role,
             state,
             ends,
             restarts: 0,

@@ -4,14 +4,14 @@
 //!
 //! | role | nodes | an end that nobody asked for |
 //! |---|---|---|
-//! | source | scale, tracer | ends the launch: a recording that starts again would say the same again |
+//! | source | scale, tracer | of a recording: ends the launch, as a recording that starts again would say the same again; live: started again where it was killed, ends the launch where it gave up |
 //! | correcting | geometric, residual | started again; when that does not help, the launch ends |
 //! | beside | monitor, recorder | started again; when that does not help, the others go on without it |
 //!
 //! A node that fails with an error of its own before it was ever ready cannot start: that ends the launch, whatever its
 //! role.
 
-use crate::launch::NodeName;
+use crate::launch::{Launch, NodeName, Source};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
@@ -27,8 +27,10 @@ pub const WITHIN: Duration = Duration::from_secs(60);
 /// What a node is to the graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Where samples come from.
-    Source,
+    /// Plays a recording.
+    Recording,
+    /// Where samples come from a machine or an instrument.
+    Live,
     /// On the way of every sample.
     Correcting,
     /// Takes what others give, and nobody waits for it.
@@ -36,13 +38,23 @@ pub enum Role {
 }
 
 impl Role {
-    /// The role of a node.
-    pub fn of(node: NodeName) -> Role {
+    /// The role of a node in this launch.
+    pub fn of(node: NodeName, launch: &Launch) -> Role {
+        let source = |own: &Option<Source>| match own {
+            Some(source) if source.driver.is_live() => Role::Live,
+            _ => Role::Recording,
+        };
         match node {
-            NodeName::Scale | NodeName::Tracer => Role::Source,
+            NodeName::Scale => source(&launch.scale),
+            NodeName::Tracer => source(&launch.tracer),
             NodeName::Geometric | NodeName::Residual => Role::Correcting,
             NodeName::Monitor | NodeName::Recorder => Role::Beside,
         }
+    }
+
+    /// Whether samples come from it.
+    pub fn is_source(self) -> bool {
+        matches!(self, Role::Recording | Role::Live)
     }
 }
 
@@ -82,7 +94,13 @@ impl Ends {
         if ending.recording_ended {
             return Verdict::Done;
         }
-        if role == Role::Source || (ending.gave_up && !ending.was_ready) {
+        let is_for_good = match role {
+            Role::Recording => true,
+            // A driver goes on by itself with whatever goes on again.
+            Role::Live => ending.gave_up,
+            Role::Correcting | Role::Beside => ending.gave_up && !ending.was_ready,
+        };
+        if is_for_good {
             return Verdict::EndLaunch;
         }
         self.recent.retain(|at| now.saturating_duration_since(*at) < WITHIN);
@@ -112,17 +130,21 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_is_done_is_no_fault_and_any_other_end_of_it_ends_the_launch() {
-        let now = Instant::now();
-        let done = Ending { recording_ended: true, ..KILLED };
-        assert_eq!(Ends::default().judge(Role::Source, done, now), Verdict::Done);
-        assert_eq!(Ends::default().judge(Role::Source, KILLED, now), Verdict::EndLaunch);
+    fn a_source_that_is_done_is_no_fault_and_any_other_end_of_a_recording_ends_the_launch() {
+        let judge = |role, ending| Ends::default().judge(role, ending, Instant::now());
+        let (done, gave_up) = (Ending { recording_ended: true, ..KILLED }, Ending { gave_up: true, ..KILLED });
+        for role in [Role::Recording, Role::Live] {
+            assert_eq!(judge(role, done), Verdict::Done);
+            assert_eq!(judge(role, gave_up), Verdict::EndLaunch);
+        }
+        assert_eq!(judge(Role::Recording, KILLED), Verdict::EndLaunch);
+        assert_eq!(judge(Role::Live, KILLED), Verdict::StartAgain(FIRST_WAIT));
     }
 
     #[test]
     fn a_node_that_cannot_start_ends_the_launch_at_once() {
         let cannot = Ending { gave_up: true, was_ready: false, ..KILLED };
-        for role in [Role::Source, Role::Correcting, Role::Beside] {
+        for role in [Role::Recording, Role::Live, Role::Correcting, Role::Beside] {
             assert_eq!(Ends::default().judge(role, cannot, Instant::now()), Verdict::EndLaunch);
         }
     }
@@ -130,7 +152,8 @@ mod tests {
     #[test]
     fn waits_double_and_the_fifth_end_within_a_minute_is_the_last() {
         let start = Instant::now();
-        for (role, last) in [(Role::Correcting, Verdict::EndLaunch), (Role::Beside, Verdict::GoOnWithout)] {
+        let lasts = [Verdict::EndLaunch, Verdict::EndLaunch, Verdict::GoOnWithout];
+        for (role, last) in [Role::Live, Role::Correcting, Role::Beside].into_iter().zip(lasts) {
             let mut ends = Ends::default();
             for (number, milliseconds) in [100, 200, 400, 800].into_iter().enumerate() {
                 let verdict = ends.judge(role, KILLED, after(start, number as f64));
