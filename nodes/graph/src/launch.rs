@@ -19,6 +19,7 @@ use crate::topics;
 use abbe_measurement::motion::MotionSettings;
 use abbe_runtime::TransportKind;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -130,6 +131,16 @@ pub enum Pace {
     TimeFactor(f64),
     /// As they come: for live drivers, and for no other.
     AsTheyCome,
+}
+
+impl fmt::Display for Pace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Pace::RateHz(rate) => write!(f, "{rate} Hz"),
+            Pace::TimeFactor(factor) => write!(f, "{factor} times its own pace"),
+            Pace::AsTheyCome => f.write_str("the pace at which readings come"),
+        }
+    }
 }
 
 /// What a recording that is played is stamped with.

@@ -44,7 +44,7 @@ impl Present {
     /// What keeps two sources from playing by this agreement; `None` where nothing does.
     pub(crate) fn problem(&self, pace: Pace, is_simulated: bool) -> Option<String> {
         if self.pace != pace {
-            let paces = format!("this source plays at {pace:?}, the one before it at {:?}", self.pace);
+            let paces = format!("this source plays at {pace}, the one before it at {}", self.pace);
             return Some(format!("{paces}; give scale and tracer the same pace, or say stamps = \"recorded\""));
         }
         (self.is_simulated != is_simulated)

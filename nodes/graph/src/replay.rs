@@ -5,7 +5,7 @@
 //! of its topic that repeats its stamp, sequence, position, offset and frame and has no reading yet, so a source that
 //! restarted, or plays the same readings again, is compared like any other. A recorded message names the models that
 //! made it, and is computed with these and no others. The age from which a covariate was stale is named nowhere, and may have been
-//! set during the run: a message has to come out with one of those given, by each node. What the order of the samples adds to a status is found again from
+//! set during the run: it is given as often as it changed, in order, and no node goes back to one before. What the order of the samples adds to a status is found again from
 //! the corrected ones, which lie in the order in which they were made; what the network said of another publisher, and
 //! that a node was deactivated, is taken as recorded. No clock, no transport. Memory is that of what has no partner.
 
@@ -48,7 +48,7 @@ struct Ages {
 }
 
 impl ReplaySteps {
-    /// Steps with these models, and these ages (s), of which at least one is needed: nothing comes out without.
+    /// Steps with these models, and these ages (s) in the order in which they held; at least one is needed: nothing comes out without.
     pub fn new(
         models: &[(Arc<MachineModel>, Sha256)],
         fields: &[OwnedField],
@@ -66,11 +66,16 @@ impl ReplaySteps {
         }
     }
 
-    /// All that two nodes may have had, those of the message before first.
+    /// What two nodes may have had since the message before, the fewest changes first.
     fn ages(&self, before: Ages) -> impl Iterator<Item = Ages> + use<> {
-        let count = self.geometric.len();
-        let all = (0..count * count).map(move |k| Ages { geometric: k / count, residual: k % count });
-        [before].into_iter().chain(all.filter(move |ages| *ages != before))
+        let left = |place: usize| self.geometric.len().saturating_sub(place + 1);
+        let (geometric, residual) = (left(before.geometric), left(before.residual));
+        (0..=geometric + residual).flat_map(move |changes| {
+            (changes.saturating_sub(residual)..=changes.min(geometric)).map(move |further| Ages {
+                geometric: before.geometric + further,
+                residual: before.residual + changes - further,
+            })
+        })
     }
 
     /// What the steps make of a reading with the models of this recorded message; `None` where one was not given.
@@ -178,7 +183,7 @@ pub struct TopicOutcome {
     pub restarts: u64,
     /// How often the corrected messages go on as those of a node that has seen nothing before.
     pub corrector_restarts: u64,
-    /// How often a message came out with another of the ages given than the one before.
+    /// How often a message came out with a later one of the ages given than the one before.
     pub changes_of_age: u64,
     /// Sequence of the first message that is not as it should be.
     pub first_fault: Option<u64>,

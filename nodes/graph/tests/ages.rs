@@ -82,7 +82,9 @@ fn a_run_in_which_the_age_was_set_comes_out_again_with_the_ages_that_it_had_and_
     assert!(all.is_identical(), "{all:?}");
     // Readings of 5 s do not tell 7 s from 10 s.
     assert_eq!((all.identical, all.changes_of_age), (30, 2), "{all:?}");
-    for (ages_s, identical, first) in [(&[10.0][..], 20, 10), (&[1.0], 10, 0), (&[2.0, 3.0], 10, 0)] {
+    let some =
+        [(&[10.0][..], 20, 10), (&[1.0], 10, 0), (&[2.0, 3.0], 10, 0), (&[1e-6, 1e6], 20, 10), (&[1.0, 10.0], 20, 10)];
+    for (ages_s, identical, first) in some {
         let some = with_ages(ages_s);
         assert_eq!((some.identical, some.different, some.first_fault), (identical, 30 - identical, Some(first)));
     }

@@ -25,7 +25,7 @@ pub(crate) struct Arguments {
     /// Residual model that was used; where it changed during the run, give each of them
     #[arg(long)]
     residual: Vec<PathBuf>,
-    /// Age in seconds from which a covariate is stale, as in the launch file of the run; where it was set during the run, give each of them
+    /// Age in seconds from which a covariate is stale, as in the launch file of the run; where it was set during the run, each that held, in their order
     #[arg(long, default_value = "10")]
     max_covariate_age_s: Vec<f64>,
 }
@@ -114,7 +114,7 @@ fn faults_of(bag: &Path, outcome: &ReplayOutcome, max_covariate_ages_s: &[f64]) 
         let ages = ages.join(", ");
         faults.push(format!(
             "{bag}: check that the model is that of the run, that --max-covariate-age-s ({ages} here) is max_covariate_age_s of \
-             its launch file and each that was set during the run, and that the bag is as it was recorded: sorted by stamp, or merged, a temperature comes before a reading that was \
+             its launch file, then each that was set during the run, and that the bag is as it was recorded: sorted by stamp, or merged, a temperature comes before a reading that was \
              corrected without it"
         ));
     }
