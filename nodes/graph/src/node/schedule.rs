@@ -34,6 +34,8 @@ pub(super) struct Schedule {
     first: Stamp,
     clock: Clock,
     present: Option<Present>,
+    /// Present instant (ns) before which readings are passed over: the node was closed then, and the other source went on.
+    goes_on_from_ns: Option<i64>,
     catching_up: CatchingUp,
     simulated: Simulated,
 }
@@ -144,6 +146,7 @@ impl Schedule {
             first,
             clock,
             present: None,
+            goes_on_from_ns: None,
             catching_up: CatchingUp::default(),
             simulated: Simulated::new(),
         };
@@ -158,7 +161,9 @@ impl Schedule {
             return Err(NodeError::Present(problem));
         }
         let ago_ns = at_ns - present.at_ns;
-        if !(-OLDEST_NS..=OLDEST_NS).contains(&ago_ns) {
+        let goes_on = context.is_configured_again() && is_of_two(context);
+        schedule.goes_on_from_ns = goes_on.then_some(at_ns);
+        if !goes_on && !(-OLDEST_NS..=OLDEST_NS).contains(&ago_ns) {
             let problem =
                 "the sources of this run agreed about the time an hour ago and more; start the whole launch again";
             return Err(NodeError::Present(problem.to_owned()));
@@ -166,6 +171,10 @@ impl Schedule {
         let ago = Duration::from_nanos(ago_ns.max(0).unsigned_abs());
         schedule.start = schedule.start.checked_sub(ago).unwrap_or(schedule.start);
         schedule.started_s -= ago.as_secs_f64();
+        if goes_on {
+            // What is passed over is not waited for.
+            schedule.catching_up.due = ago;
+        }
         schedule.present = Some(present);
         Ok(Some(schedule))
     }
@@ -173,6 +182,11 @@ impl Schedule {
     /// What is due first was due then, in seconds of the host's monotonic clock.
     pub(super) fn started_s(&self) -> f64 {
         self.started_s
+    }
+
+    /// Whether a reading was due while the node was closed, and the other source of its recording went on.
+    pub(super) fn has_passed(&self, now: Option<Stamp>) -> bool {
+        now.zip(self.goes_on_from_ns).is_some_and(|(now, from_ns)| now.to_nanos() < from_ns)
     }
 
     /// The present stamp of a reading, where it gets one.
@@ -235,9 +249,18 @@ fn sleep(until: Duration, now: Duration, shutdown: &Shutdown) -> bool {
     if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
 }
 
-/// What the first source of this launch said; a source without a run has nobody to agree with, and one that begins anew is the only one.
+/// Whether scale and tracer both play: what they have agreed about holds as long as the launch.
+fn is_of_two(context: &NodeContext) -> bool {
+    let sources = [&context.launch.scale, &context.launch.tracer];
+    sources.iter().all(|source| source.as_ref().is_some_and(|source| !source.driver.is_live()))
+}
+
+/// What the first source of this launch said. A source without a run has nobody to agree with; one that is alone and is configured again
+/// begins anew.
 fn agreed(context: &NodeContext, own: Present) -> Result<Present, NodeError> {
-    let Some(run) = context.whole_run.as_ref().filter(|_| !context.is_configured_again()) else { return Ok(own) };
+    let Some(run) = context.whole_run.as_ref().filter(|_| !context.is_configured_again() || is_of_two(context)) else {
+        return Ok(own);
+    };
     let wrong = |error: String| NodeError::Present(format!("scale and tracer cannot agree about the time: {error}"));
     let word = serde_json::to_string(&own).map_err(|error| wrong(error.to_string()))?;
     // A later launch of the same name is another; one by hand has no launcher.

@@ -12,7 +12,7 @@ use super::sensors::Sensors;
 use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary, links};
 use crate::driver::{self, DriverConfig, DriverError};
-use crate::launch::{Source, Stamps};
+use crate::launch::Source;
 use crate::link::Link;
 use crate::present;
 use crate::step::{DerivedLags, DerivedMotion};
@@ -88,16 +88,7 @@ fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
 }
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
-    let source = source.ok_or(NodeError::Incomplete { node: context.name.name(), part: "a driver for it" })?;
-    // Two sources have agreed about one present for one beginning.
-    let played = [&context.launch.scale, &context.launch.tracer]
-        .map(|one| one.as_ref().is_some_and(|one| !one.driver.is_live()));
-    if context.is_configured_again() && context.launch.stamps() == Stamps::Now && played == [true, true] {
-        let problem = "scale and tracer have one present for what they play, so neither can begin anew; start the whole launch again, \
-                       or play it with stamps = \"recorded\"";
-        return Err(NodeError::Present(problem.to_owned()));
-    }
-    Ok(source)
+    source.ok_or(NodeError::Incomplete { node: context.name.name(), part: "a driver for it" })
 }
 
 fn play<M: Message>(
@@ -132,6 +123,9 @@ fn play<M: Message>(
             }
         };
         let now = schedule.present_stamp(sample.stamp(), sample.sequence())?;
+        if schedule.has_passed(now) && !context.shutdown.requested() {
+            continue;
+        }
         if schedule.wait_for(given, sample.stamp(), now, &context.shutdown) {
             break;
         }
