@@ -333,13 +333,28 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
     }))
 }
 
-/// Verdict, key figures, limits, picture and table.
-pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
+/// Verdict, key figures, what the test lacks, limits, picture and table.
+fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
+    chapter(errors, limits, rule, Some(lacking(errors)))
+}
+
+/// What the test lacks of a whole one.
+pub(super) fn lacking(errors: &LengthErrors) -> Section {
+    departure_callout(STANDARD, &errors.departures)
+}
+
+/// The same for a page of several tests, which says once what they lack.
+pub(super) fn chapter(
+    errors: &LengthErrors,
+    limits: &Limits,
+    rule: &DecisionRule,
+    lacking: Option<Section>,
+) -> anyhow::Result<Vec<Section>> {
     let frontier = errors.frontier()?;
     let answers = limits.length.iter().flat_map(|limit| answers(errors, limit, limits, rule));
     let mut sections: Vec<Section> = answers.map(Section::Callout).collect();
     sections.push(key_figures(errors, &frontier, limits, rule));
-    sections.push(departure_callout(STANDARD, &errors.departures));
+    sections.extend(lacking);
     sections.push(pictures::errors_against_length(
         "Errors against length",
         errors,

@@ -234,6 +234,10 @@ fn made_from(
 
 fn report(meta: Vec<MetaItem>, stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Report> {
     let mut sections = answer(stages, limits, rule);
+    // The same gauges, touched alike: what one state of the machine lacks of a whole test, the others lack.
+    let mut lacking: Vec<Section> = stages.iter().map(|stage| lengths::lacking(&stage.errors)).collect();
+    lacking.dedup();
+    sections.extend(lacking);
     let states: Vec<_> = stages
         .iter()
         .enumerate()
@@ -242,7 +246,7 @@ fn report(meta: Vec<MetaItem>, stages: &[Stage], limits: &Limits, rule: &Decisio
     sections.push(pictures::states_against_length(&states, limits.length.as_ref()));
     for Stage { title, errors, .. } in stages {
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
-        sections.extend(lengths::sections(errors, limits, rule)?);
+        sections.extend(lengths::chapter(errors, limits, rule, None)?);
     }
     Ok(Report {
         title: "Length measurement error of a simulated machine".to_owned(),
