@@ -442,6 +442,11 @@ impl Launch {
         drivers.any(|driver| matches!(driver, DriverConfig::Ros(_)))
     }
 
+    /// Sources of scale and tracer readings that play a recording.
+    pub(crate) fn played(&self) -> impl Iterator<Item = &Source> {
+        [&self.scale, &self.tracer].into_iter().flatten().filter(|source| !source.driver.is_live())
+    }
+
     /// What recordings are stamped with: the present, unless the file says otherwise or gives the time of the recording on `/clock`.
     pub fn stamps(&self) -> Stamps {
         self.stamps.unwrap_or(if self.publish_clock { Stamps::Recorded } else { Stamps::Now })

@@ -109,8 +109,7 @@ impl Launch {
         let wrong = |key: &str, problem: &str| {
             Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
         };
-        let played: Vec<&Source> =
-            [&self.scale, &self.tracer].into_iter().flatten().filter(|source| !source.driver.is_live()).collect();
+        let played: Vec<&Source> = self.played().collect();
         if self.publish_clock {
             if self.scale.as_ref().is_none_or(|source| source.driver.is_live()) || self.stamps() == Stamps::Now {
                 return wrong(

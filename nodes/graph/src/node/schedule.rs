@@ -251,8 +251,7 @@ fn sleep(until: Duration, now: Duration, shutdown: &Shutdown) -> bool {
 
 /// Whether scale and tracer both play: what they have agreed about holds as long as the launch.
 fn is_of_two(context: &NodeContext) -> bool {
-    let sources = [&context.launch.scale, &context.launch.tracer];
-    sources.iter().all(|source| source.as_ref().is_some_and(|source| !source.driver.is_live()))
+    context.launch.played().count() == 2
 }
 
 /// What the first source of this launch said. A source without a run has nobody to agree with; one that is alone and is configured again
