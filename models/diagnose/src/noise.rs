@@ -7,6 +7,7 @@ use crate::candidates::Round;
 use abbe_identify::verdict::three_digits;
 use abbe_identify::{CorrelatedNoise, Evidence};
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::chance::beyond;
 use faer::Mat;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
@@ -118,11 +119,11 @@ pub(crate) fn detect(round: &Round, campaign: &Campaign, evidence: &Evidence) ->
 /// Two-sided where the declared noise is too large, too.
 fn p_chi2(chi2: f64, degrees: f64) -> f64 {
     let Ok(distribution) = ChiSquared::new(degrees) else { return 1.0 };
-    2.0 * distribution.sf(chi2).min(distribution.cdf(chi2))
+    2.0 * beyond(&distribution, chi2).min(distribution.cdf(chi2))
 }
 
 fn p_normal(z: f64) -> f64 {
-    Normal::new(0.0, 1.0).map_or(1.0, |normal| 2.0 * normal.sf(z.abs()))
+    Normal::new(0.0, 1.0).map_or(1.0, |normal| 2.0 * beyond(&normal, z.abs()))
 }
 
 /// Mean product of neighbours on a line over the mean square.
@@ -153,7 +154,7 @@ fn between_lines(round: &Round, campaign: &Campaign, used: &[usize]) -> Structur
         }
     }
     let statistic = total / round.linear.noise_factor();
-    let p_value = ChiSquared::new(f64::from(count).max(1.0)).map_or(1.0, |d| d.sf(statistic));
+    let p_value = ChiSquared::new(f64::from(count).max(1.0)).map_or(1.0, |d| beyond(&d, statistic));
     Structure { value: statistic / f64::from(count).max(1.0), p_value }
 }
 
@@ -164,11 +165,13 @@ fn lack_of_fit(round: &Round, campaign: &Campaign, used: &[usize]) -> Option<Str
         let cell = |v: f64| (v / SAME_M).round() as i64;
         (r.station, r.reading_m.map(cell), r.offset_m.map(cell))
     };
+    // A row that was logged twice was not measured again.
+    let length_m = |k: usize| campaign.readings[k].length_m;
     let mut sorted: Vec<usize> = used.to_vec();
     sorted.sort_by_key(|k| key(*k));
     let pairs: Vec<f64> = sorted
         .windows(2)
-        .filter(|w| key(w[0]) == key(w[1]))
+        .filter(|w| key(w[0]) == key(w[1]) && length_m(w[0]) != length_m(w[1]))
         .map(|w| 0.5 * (round.rows.residuals[w[0]] - round.rows.residuals[w[1]]).powi(2))
         .collect();
     if pairs.len() < ENOUGH_PAIRS {
@@ -177,7 +180,7 @@ fn lack_of_fit(round: &Round, campaign: &Campaign, used: &[usize]) -> Option<Str
     let pure = pairs.iter().sum::<f64>() / pairs.len() as f64;
     let value = round.linear.noise_factor() / pure.max(f64::MIN_POSITIVE);
     let f = statrs::distribution::FisherSnedecor::new(round.linear.degrees(), pairs.len() as f64).ok()?;
-    Some(Structure { value, p_value: f.sf(value) })
+    Some(Structure { value, p_value: beyond(&f, value) })
 }
 
 fn groups(round: &Round, campaign: &Campaign, used: &[usize]) -> Vec<Group> {

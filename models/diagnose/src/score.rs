@@ -5,9 +5,10 @@
 
 use crate::linear::{Projected, column, factor_above};
 use abbe_identify::symmetric_eigen;
+use abbe_measurement::chance::beyond;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::FisherSnedecor;
 
 /// Share of a direction's information that must be left for it to be tested: a twentieth of its amplitude. What is left
 /// of less is dominated by how well the error functions can bend, not by the effect.
@@ -128,14 +129,6 @@ pub(crate) fn p_of(reduction: f64, tested: usize, remaining: f64, rest: f64) -> 
     }
     let f = (reduction / tested as f64) / (remaining / rest);
     FisherSnedecor::new(tested as f64, rest).map_or(1.0, |distribution| beyond(&distribution, f))
-}
-
-/// Largest statistic that is looked up: beyond it the library's distributions overflow, and probabilities are zero anyway.
-const LARGEST: f64 = 1e100;
-
-/// Probability of a statistic beyond this one, which is not negative but for rounding; 1 where there is none.
-pub(crate) fn beyond(distribution: &impl ContinuousCDF<f64, f64>, statistic: f64) -> f64 {
-    if statistic.is_nan() { 1.0 } else { distribution.sf(statistic.clamp(0.0, LARGEST)) }
 }
 
 /// 1 − (what is left of the signature)² / (the signature)², for the estimate; for the group's trace without one.

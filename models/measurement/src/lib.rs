@@ -22,6 +22,7 @@
 
 pub mod alignment;
 pub mod campaign;
+pub mod chance;
 pub mod claim;
 pub mod common_step;
 pub mod correspondence;

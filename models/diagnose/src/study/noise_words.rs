@@ -7,6 +7,7 @@ use super::outcome::{Correlation, Judgement, LackOfFit, Look, RejectedRow, Serie
 use super::outliers::Outliers;
 use super::search::{Found, StudyOptions};
 use super::view::{Kept, View};
+use abbe_measurement::chance::beyond;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 const UM: f64 = 1e6;
@@ -170,7 +171,7 @@ fn scatter(before: &Judgement, significance: f64) -> Option<Look> {
     let chi2_per_dof = before.chi2_per_dof?;
     let distribution = ChiSquared::new(before.degrees_of_freedom).ok()?;
     let chi2 = chi2_per_dof * before.degrees_of_freedom;
-    let (above, below) = (distribution.sf(chi2), distribution.cdf(chi2));
+    let (above, below) = (beyond(&distribution, chi2), distribution.cdf(chi2));
     let ratio = chi2_per_dof.sqrt();
     let (says, is_noise) = if above <= significance {
         let says = format!(

@@ -17,8 +17,9 @@ use crate::error::DiagnoseError;
 use crate::linear::{Linear, joined, picked};
 use crate::score::score;
 use abbe_identify::in_parallel;
+use abbe_measurement::chance::beyond;
 use faer::Mat;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::ChiSquared;
 use std::borrow::Cow;
 
 /// Combinations drawn where several chains, each with its own correlation, take part.
@@ -86,7 +87,7 @@ pub(super) fn probability_beside(
         by_likelihood = (by_likelihood.0 + gain, by_likelihood.1 + new);
     }
     let (gain, new) = by_likelihood;
-    let p_value = ChiSquared::new(new.max(1) as f64).map_or(1.0, |chi2| chi2.sf(gain / INFLATED));
+    let p_value = ChiSquared::new(new.max(1) as f64).map_or(1.0, |chi2| beyond(&chi2, gain / INFLATED));
     Ok(sum.min(p_value).min(1.0))
 }
 

@@ -10,7 +10,8 @@
 use super::combinations::combinations;
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
-use crate::score::{LEFT, Score, beyond, score};
+use crate::score::{LEFT, Score, score};
+use abbe_measurement::chance::beyond;
 use faer::Mat;
 use statrs::distribution::FisherSnedecor;
 

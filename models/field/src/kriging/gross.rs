@@ -50,8 +50,9 @@ pub(super) fn suspects(samples: &Samples, options: &KrigingOptions) -> Result<Ve
 /// Whether a probability by chance among so many components of vectors bears a deviation.
 pub(super) fn is_far(deviations: f64, freedom: f64, components: usize) -> bool {
     let limit = BY_CHANCE / components as f64;
-    let beyond = StudentsT::new(0.0, 1.0, freedom).map_or(1.0, |t| 2.0 * t.cdf(-deviations.abs()));
-    deviations.abs() > FAR && beyond < limit
+    let beyond = || StudentsT::new(0.0, 1.0, freedom).map_or(1.0, |t| 2.0 * t.cdf(-deviations.abs()));
+    // What is no number is not looked up.
+    deviations.abs() > FAR && beyond() < limit
 }
 
 fn of_component(data: &Data) -> Vec<usize> {

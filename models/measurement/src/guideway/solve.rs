@@ -5,10 +5,11 @@
 
 use super::check::{Run, Seen, common, spread};
 use super::{Guideway, GuidewayError, GuidewayOptions, GuidewayRotation, PositionErrors};
+use crate::chance::beyond;
 use crate::claim::Claim;
 use crate::least_squares;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6};
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+use statrs::distribution::{ChiSquared, FisherSnedecor};
 
 const MOST_PASSES: usize = 50;
 /// Step of the rotation (rad) from which an exact solution counts as settled.
@@ -111,11 +112,11 @@ impl Noise {
         if others == 0 {
             // Nothing to compare an undeclared noise with.
             return ChiSquared::new(one.degrees as f64)
-                .map_or(1.0, |law| if floor > 0.0 { law.sf(one.chi2) } else { 1.0 });
+                .map_or(1.0, |law| if floor > 0.0 { beyond(&law, one.chi2) } else { 1.0 });
         }
         let expected = ((self.chi2 - one.chi2).max(0.0) / others as f64).max(floor);
         let worth = independent(others, self.positions - 1) as f64;
-        FisherSnedecor::new(one.degrees as f64, worth).map_or(1.0, |law| law.sf(own / expected))
+        FisherSnedecor::new(one.degrees as f64, worth).map_or(1.0, |law| beyond(&law, own / expected))
     }
 }
 

@@ -10,9 +10,10 @@ use super::check::{self, Run, common, spread_enough};
 use super::frame;
 use super::solve::{Arm, Solver, independent};
 use super::{Guideway, GuidewayError, GuidewayOptions, TargetPoint};
+use crate::chance::beyond;
 use crate::robust;
 use nalgebra::Vector3;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::FisherSnedecor;
 
 /// Campaigns without a gross error in which a reading is left out all the same.
 const FALSE_ALARMS: f64 = 1e-4;
@@ -210,7 +211,7 @@ impl<'a> Search<'a> {
         let variance = (chi2 / left as f64).max(floor);
         let (own, left) = (independent(degrees, degrees / 3), independent(left, self.places.len()));
         let law = FisherSnedecor::new(own as f64, left as f64);
-        law.map_or(1.0, |law| law.sf(gain / degrees as f64 / variance))
+        law.map_or(1.0, |law| beyond(&law, gain / degrees as f64 / variance))
     }
 
     fn stray(&self, suspect: Suspect) -> Option<StrayTarget> {

@@ -9,7 +9,8 @@ use crate::study::fit::Fit;
 use crate::study::judge::judge;
 use crate::study::outcome::{Alternative, Ambiguity, StudyDiagnosis};
 use crate::study::view::View;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use abbe_measurement::chance::beyond;
+use statrs::distribution::FisherSnedecor;
 
 /// Poses up to which pairs are listed: with more the search tells them apart.
 const FEW: usize = 12;
@@ -87,7 +88,7 @@ pub(super) fn name_aliases(view: &View, diagnosis: &mut StudyDiagnosis) -> Resul
 fn p_of(base: &Fit, fit: &Fit) -> f64 {
     let (used, rest) = (base.linear.degrees() - fit.linear.degrees(), fit.linear.degrees());
     let f = ((base.linear.chi2() - fit.linear.chi2()) / used) / fit.linear.noise_factor();
-    FisherSnedecor::new(used, rest).map_or(1.0, |distribution| if f > 0.0 { distribution.sf(f) } else { 1.0 })
+    FisherSnedecor::new(used, rest).map_or(1.0, |distribution| beyond(&distribution, f))
 }
 
 fn testable(view: &View, base: &Fit) -> Vec<usize> {
