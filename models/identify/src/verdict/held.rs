@@ -113,5 +113,6 @@ fn is_misfit(finding: &Finding) -> bool {
         Subject::Rejected { .. } => finding.causes.contains(&Cause::Lacks),
         Subject::Noise { chi2_per_dof, .. } => chi2_per_dof > 1.0,
         Subject::Stroke { .. } | Subject::ByStation { .. } | Subject::Sampled { .. } => false,
+        Subject::Copies { .. } | Subject::OneSided { .. } | Subject::NoTemperature | Subject::Wanders { .. } => false,
     }
 }

@@ -19,10 +19,12 @@
 
 mod by_station;
 mod causes;
+mod copies;
 mod coverage;
 mod held;
 mod misfit;
 mod of_campaign;
+mod one_sided;
 mod resolution;
 mod sampled;
 mod step;
@@ -93,6 +95,27 @@ pub enum Subject {
         /// The quantities.
         names: Vec<String>,
     },
+    /// Readings repeat others to the last digit.
+    Copies {
+        /// Readings that repeat one before.
+        copies: usize,
+        /// All.
+        all: usize,
+    },
+    /// All points were approached from one side.
+    OneSided {
+        /// Axis letters.
+        axes: Vec<char>,
+    },
+    /// No temperature was logged.
+    NoTemperature,
+    /// The machine, or what carries the stations, does not stay as it is.
+    Wanders {
+        /// Probability of as much by chance.
+        p_value: f64,
+        /// How far the tip wanders along X, Y and Z (m, rms over the readings).
+        size_m: [f64; 3],
+    },
     /// Readings lie at whole multiples of a step.
     Sampled {
         /// Axis letters and steps (m).
@@ -125,6 +148,13 @@ impl Verdict {
     pub fn new(mut findings: Vec<Finding>, widening: f64) -> Verdict {
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.grade));
         Verdict { findings, widening }
+    }
+
+    /// With another finding.
+    pub fn with(self, finding: Finding) -> Verdict {
+        let Verdict { mut findings, widening } = self;
+        findings.push(finding);
+        Verdict::new(findings, widening)
     }
 
     /// The gravest grade.

@@ -4,7 +4,9 @@
 
 use super::by_station::by_station;
 use super::causes::{Cause, Residuals};
+use super::copies::copies;
 use super::misfit::MISTAKEN;
+use super::one_sided::{no_temperature, one_sided};
 use super::{Counted, Finding, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke};
 use crate::identified::Identified;
 use abbe_geometry::model::{MachineModel, ModelError};
@@ -36,8 +38,10 @@ pub fn of_campaign(campaign: &Campaign, fit: &Identified) -> Verdict {
     let sampled = equal_steps([true; 3], campaign.readings.iter().map(|reading| reading.reading_m));
     let too_many = rejected.as_ref().is_some_and(|finding| finding.grade == Grade::Refusal);
     let widening = if too_many { all_over_used(fit, degrees) } else { 1.0 };
-    let told = [rejected, noise, driven, sampled, by_station(campaign)];
-    Verdict::new(told.into_iter().flatten().collect(), widening)
+    let (copied, for_copies) = copies(campaign);
+    let told = [rejected, noise, copied, driven, sampled];
+    let unseen = [by_station(campaign), one_sided(campaign), no_temperature(campaign)];
+    Verdict::new(told.into_iter().chain(unseen).flatten().collect(), widening * for_copies)
 }
 
 fn with_causes(mut finding: Finding, causes: impl Fn() -> Vec<Cause>) -> Finding {

@@ -57,6 +57,33 @@ impl fmt::Display for Subject {
                  matters, change it for some lines while a station stands",
                 names.join(", ")
             ),
+            Subject::Copies { copies, all } => write!(
+                f,
+                "{copies} of {all} readings repeat another one to the last digit, length included: what was logged twice was measured once, and \
+                 U is widened for it; remove the copies"
+            ),
+            Subject::OneSided { axes } => {
+                let axes: Vec<String> = axes.iter().map(char::to_string).collect();
+                write!(
+                    f,
+                    "every point was approached from the same side along {}: backlash does not show and is not in U, and points from the other \
+                     side are extrapolated; where it matters, drive some lines the other way",
+                    axes.join(", ")
+                )
+            }
+            Subject::NoTemperature => f.write_str(
+                "no temperature was logged: how the machine grows on a warmer day does not show and is not in U; where it matters, log the \
+                 temperatures of the scales",
+            ),
+            Subject::Wanders { p_value, size_m } => {
+                let [x, y, z] = size_m.map(|m| format!("{:.2}", m * 1e6));
+                write!(
+                    f,
+                    "scales, angles or bows of the machine, or its stations, change in the course of the campaign, or the noise of neighbouring \
+                     readings hangs together (p = {p_value:.1e}): the tip wanders by {x}, {y} and {z} µm along X, Y and Z (rms over the readings), which \
+                     is not corrected and stands in U"
+                )
+            }
             Subject::Sampled { steps } => {
                 let steps: Vec<String> =
                     steps.iter().map(|(letter, m)| format!("{:.2} mm along {letter}", m * 1e3)).collect();
