@@ -212,7 +212,7 @@ impl<'a> Ended<'a> {
         let (wander, widening) = match machine_step {
             // Its courses would describe the step.
             Some(_) => (None, None),
-            None => wandering(search, state, base, observe)?,
+            None => wandering(search, state, (start, base), observe)?,
         };
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
         let is_found = |fitted: &FittedEffect| !is_of(base, fitted);
@@ -295,11 +295,12 @@ fn open_expansions(search: &Search, (start, fit): (&Identified, &Identified), ba
 }
 
 /// What the machine does in a course that no effect describes: what is said of it, and what stands in the uncertainty. An effect that is only
-/// a course in time corrects nothing, so that what it describes belongs there as well.
+/// a course in time corrects nothing, so that what it describes belongs there as well. Where nothing else was found, so does what the fit that the
+/// search began with shows: noise that hangs together explains a slow change as well as the machine does, and nobody knows which it is.
 fn wandering(
     search: &Search,
     state: &State,
-    base: &[EffectTerm],
+    (start, base): (&Identified, &[EffectTerm]),
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(Option<Wander>, Option<Wander>), DiagnoseError> {
     let find = |fit: &Identified, round: &Round, observe: &mut dyn FnMut(Progress) -> bool| {
@@ -310,15 +311,20 @@ fn wandering(
     let is_course = |fitted: &&FittedEffect| is_course_beside(base, fitted, search.campaign);
     let effects = &state.fit.model.parts().effects;
     let kept: Vec<EffectTerm> = effects.iter().filter(|fitted| !is_course(fitted)).map(EffectTerm::of).collect();
+    let finds_nothing = effects.iter().filter(|fitted| !is_course(fitted)).all(|fitted| is_of(base, fitted));
+    let at_the_start = match finds_nothing {
+        true => floor::in_course_of_time(start, search.instrument, search.campaign)?,
+        false => None,
+    };
     if kept.len() == effects.len() {
-        return Ok((said.clone(), said));
+        return Ok((said.clone(), said.or(at_the_start)));
     }
     match search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? {
         Ok((fit, round)) => {
             let without = find(&fit, &round, observe)?;
-            Ok((said.or_else(|| without.clone()), without))
+            Ok((said.or_else(|| without.clone()), without.or(at_the_start)))
         }
-        Err(_) => Ok((said.clone(), said)),
+        Err(_) => Ok((said.clone(), said.or(at_the_start))),
     }
 }
 

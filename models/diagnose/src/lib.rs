@@ -122,7 +122,7 @@ pub use diagnose::diagnose;
 pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
 pub use explanation::Explanation;
-pub use floor::with_left_out;
+pub use floor::{Alone, with_left_out};
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};

@@ -23,6 +23,7 @@ use crate::taken::Taken;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::effects::is_derived;
 use abbe_geometry::model::{MachineModel, ModelError, packed};
+use abbe_identify::verdict::{Cause, Finding, Grade, Subject};
 use abbe_identify::{TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
@@ -74,6 +75,12 @@ impl Wander {
         )
     }
 
+    /// The same for an identification, which looks for no cause.
+    pub fn finding(&self) -> Finding {
+        let subject = Subject::Wanders { p_value: self.p_value, size_m: self.size_m };
+        Finding { grade: Grade::Warning, subject, causes: vec![Cause::Lacks] }
+    }
+
     /// The model with it in the uncertainty of all that it corrects, whichever effects it has.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
         let mut parts = model.parts().clone();
@@ -91,44 +98,81 @@ pub(crate) fn find(
     options: &DiagnoseOptions,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Wander>, DiagnoseError> {
-    let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
-    let places = &Places::of(campaign, &used);
+    let seen = Seen::of(round, campaign);
     let mut looks: Vec<Tested> = Vec::new();
-    let cycle = cycles::strongest(round, places, campaign, &used);
-    let families = || vec![Motions::linear(places), Motions::quadratic(places)];
-    // What returns does so at any other time as well; what is slow may be another motion then, and only few of them show it now.
-    let slow = courses(campaign, context, &used).into_iter().map(|course| (course, families()));
-    let returning = cycle.map(|course| (course, Motions::sets(places).into_iter().chain(families()).collect()));
+    let cycle = cycles::strongest(round, &seen.places, campaign, &seen.used);
+    let slow = courses(campaign, context, &seen.used).into_iter().map(|course| (course, Motions::each(&seen.places)));
+    let returning = cycle.map(|course| (course, Motions::sets(&seen.places)));
     for (course, sets) in slow.chain(returning).collect::<Vec<(Course, Vec<Motions>)>>() {
-        for motions in sets {
+        for motions in sets.into_iter().chain(Motions::families(&seen.places)) {
             if !go_on() {
                 return Err(DiagnoseError::Stopped);
             }
-            looks.extend(Look { round, places, motions, course: course.clone(), used: &used }.tested());
+            looks.extend(seen.look(motions, &course).tested());
         }
     }
-    let p_value = together(looks.iter().filter(|tested| tested.look.motions.is_family()).map(|tested| tested.p_value));
-    let likeliest = looks.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
-    let Some(likeliest) = likeliest.filter(|_| p_value < options.significance) else { return Ok(None) };
-    let (by_place, taken) = by_place_and_taken(&looks, places, round.rows.parameters.len());
-    Ok(Some(Wander {
-        follows: likeliest.look.course.follows.clone(),
-        moves: likeliest.look.motions.alone(),
-        p_value,
-        size_m: rms_m(&by_place, campaign, &used),
-        by_place,
-        taken: Taken::new(model, &round.rows, taken),
-    }))
+    Ok(seen.wander(model, campaign, &looks, options.significance))
+}
+
+/// The same of an identification alone, and of what goes slowly with time alone.
+pub(crate) fn in_time((model, round): (&MachineModel, &Round), campaign: &Campaign) -> Option<Wander> {
+    let seen = Seen::of(round, campaign);
+    let course = in_course_of_time(campaign, &seen.used);
+    let sets = Motions::each(&seen.places).into_iter().chain(Motions::families(&seen.places));
+    let looks: Vec<Tested> = sets.filter_map(|motions| seen.look(motions, &course).tested()).collect();
+    seen.wander(model, campaign, &looks, DiagnoseOptions::default().significance)
+}
+
+/// Rows of a fit, those used, and where the machine stood.
+struct Seen<'s> {
+    round: &'s Round<'s>,
+    used: Vec<usize>,
+    places: Places,
+}
+
+impl<'s> Seen<'s> {
+    fn of(round: &'s Round<'s>, campaign: &Campaign) -> Seen<'s> {
+        let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
+        let places = Places::of(campaign, &used);
+        Seen { round, used, places }
+    }
+
+    fn look(&self, motions: Motions, course: &Course) -> Look<'_> {
+        Look { round: self.round, places: &self.places, motions, course: course.clone(), used: &self.used }
+    }
+
+    /// What these looks come to; `None` where chance explains it.
+    fn wander(&self, model: &MachineModel, campaign: &Campaign, looks: &[Tested], significance: f64) -> Option<Wander> {
+        let p_value =
+            together(looks.iter().filter(|tested| tested.look.motions.is_family()).map(|tested| tested.p_value));
+        let said = looks.iter().filter(|tested| !tested.look.is_slow_and_alone());
+        let likeliest = said.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|_| p_value < significance)?;
+        let rows = &self.round.rows;
+        let (by_place, taken) = by_place_and_taken(looks, &self.places, rows.parameters.len());
+        Some(Wander {
+            follows: likeliest.look.course.follows.clone(),
+            moves: likeliest.look.motions.alone(),
+            p_value,
+            size_m: rms_m(&by_place, campaign, &self.used),
+            by_place,
+            taken: Taken::new(model, rows, taken),
+        })
+    }
 }
 
 /// Weights of looks by their likelihood: courses that these data do not tell apart wander by different amounts, of which the mean is
-/// taken. Those without weight are left out.
+/// taken. Those without weight are left out. The mean of slow courses of one motion comes beside that of all others: what is slow may be
+/// another motion at another time, which families hold, and one motion alone is more than its share of a family.
 fn weighed<'t>(looks: &'t [Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
-    let most = looks.iter().map(|tested| tested.gain).fold(0.0, f64::max);
-    let weights = looks.iter().map(|tested| (tested, (tested.gain - most).exp()));
-    let kept: Vec<(&Tested, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
-    let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
-    kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect()
+    let (alone, mean): (Vec<&Tested>, Vec<&Tested>) = looks.iter().partition(|tested| tested.look.is_slow_and_alone());
+    let by_likelihood = |of: Vec<&'t Tested<'t>>| {
+        let most = of.iter().map(|tested| tested.gain).fold(0.0, f64::max);
+        let weights = of.into_iter().map(|tested| (tested, (tested.gain - most).exp()));
+        let kept: Vec<(&Tested, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
+        let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
+        kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect::<Vec<(&Tested, f64)>>()
+    };
+    [by_likelihood(mean), by_likelihood(alone)].concat()
 }
 
 /// Mean square over the campaign of what is known of the motion, and of what is not, at every place; and the covariance of what the
@@ -165,10 +209,12 @@ struct Course {
     parts: Vec<Vec<f64>>,
     /// Courses of this kind of which it is the best.
     tried: f64,
+    /// Whether it comes back, again and again.
+    returns: bool,
 }
 
-/// Courses that are slow, or were logged. Without times the order has to do.
-fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<Course> {
+/// What is slow, whatever it is. Without times the order has to do.
+fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
     let readings = &campaign.readings;
     let (first_s, last_s) = range(used.iter().map(|k| readings[*k].time_s));
     let along = |k: usize| match last_s > first_s {
@@ -179,8 +225,13 @@ fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<Course
         let phase = |k: usize| std::f64::consts::PI * halves as f64 * along(k);
         about_mean((0..readings.len()).map(|k| phase(k).cos() / halves as f64).collect(), used)
     };
-    let of = |follows: &str, parts| Course { follows: follows.to_owned(), parts, tried: 1.0 };
-    let mut all = vec![of(TIME, (1..=HALF_CYCLES).map(wave).collect())];
+    Course { follows: TIME.to_owned(), parts: (1..=HALF_CYCLES).map(wave).collect(), tried: 1.0, returns: false }
+}
+
+/// Courses that are slow, or were logged.
+fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<Course> {
+    let of = |follows: &str, parts| Course { follows: follows.to_owned(), parts, tried: 1.0, returns: false };
+    let mut all = vec![in_course_of_time(campaign, used)];
     // What is slow, as it was logged: neither the side of approach nor what lags behind another one.
     let slow = context.varying.iter().filter(|name| *name != TIME && !is_derived(name) && !name.starts_with("dir_"));
     for name in slow {
@@ -213,7 +264,17 @@ impl Motions {
         Motions(shifts.chain(scales).collect())
     }
 
-    /// Each motion by itself; all of one axis.
+    /// What is linear, and what is quadratic.
+    fn families(places: &Places) -> [Motions; 2] {
+        [Motions::linear(places), Motions::quadratic(places)]
+    }
+
+    /// Each motion by itself.
+    fn each(places: &Places) -> Vec<Motions> {
+        Motions::quadratic(places).0.into_iter().map(|motion| Motions(vec![motion])).collect()
+    }
+
+    /// Each shift, stretch and angle by itself; all motions of one axis.
     fn sets(places: &Places) -> Vec<Motions> {
         let each =
             |d: usize| (0..4).map(move |form| (d, form, if form == 0 { 1.0 } else { places.half_span_m[form - 1] }));
@@ -299,6 +360,10 @@ struct Tested<'l> {
 impl<'l> Look<'l> {
     fn pairs(&self) -> impl Iterator<Item = ((usize, usize, f64), &Vec<f64>)> {
         self.motions.0.iter().flat_map(|motion| self.course.parts.iter().map(move |course| (*motion, course)))
+    }
+
+    fn is_slow_and_alone(&self) -> bool {
+        !self.course.returns && self.motions.0.len() == 1
     }
 
     /// `None` where the rows are too few, or show nothing of it.

@@ -25,6 +25,20 @@ pub struct Identified {
     pub(crate) ended: Ended,
 }
 
+impl Identified {
+    /// The same fit, of these readings alone; neighbours among them are none of the campaign, so its noise counts as white.
+    pub fn of_readings(&self, indices: &[usize]) -> Identified {
+        let of = |all: &[f64]| indices.iter().filter_map(|k| all.get(*k)).copied().collect();
+        Identified {
+            residuals_m: of(&self.residuals_m),
+            u_m: of(&self.u_m),
+            weights: of(&self.weights),
+            correlation: None,
+            ..self.clone()
+        }
+    }
+}
+
 /// What a fit ended with beside its model.
 #[derive(Debug, Clone)]
 pub(crate) struct Ended {

@@ -53,7 +53,8 @@ pub(super) fn strongest(round: &Round, places: &Places, campaign: &Campaign, use
     };
     let harmonics = [(1.0, 1.0), (2.0, SECOND)];
     let parts = harmonics.into_iter().flat_map(|(n, weight)| [part(n, weight, f64::cos), part(n, weight, f64::sin)]);
-    Some(Course { follows: named(duration_s / best), parts: parts.collect(), tried: FINER as f64 * (most - FEWEST) })
+    let tried = FINER as f64 * (most - FEWEST);
+    Some(Course { follows: named(duration_s / best), parts: parts.collect(), tried, returns: true })
 }
 
 /// Of each motion of the tip, what it does to the ranges used, times what is left of them.

@@ -48,7 +48,7 @@ pub(crate) fn identified(machine: &str, forms: &[&str], seed: u64) -> [Worth; 2]
     let campaign = campaign(&foreign);
     let fit = identify(&description(&foreign), range, &campaign, &IdentifyOptions::default(), &mut |_| true).unwrap();
     let widened = with_left_out(&fit, range, &campaign).unwrap();
-    [&fit.model, &widened].map(|model| of(model, &foreign.inside))
+    [&fit.model, &widened.model].map(|model| of(model, &foreign.inside))
 }
 
 impl Judged {

@@ -93,6 +93,10 @@ impl Cause {
                 let place = self.drawn(0, 0.25, 0.75);
                 [1.2e-6 * ((v - place) / 0.015).tanh(), 0.0, 0.0]
             }
+            "settling" => {
+                // The bed gives way between its feet, a micrometre in an hour.
+                [0.0, 0.0, -1e-6 * m.time_s / 3600.0 * 4.0 * u * (1.0 - u)]
+            }
             "play" => self.play(m),
             "dahl" => self.dahl(m),
             "walk" => self.walk(m),
