@@ -108,8 +108,19 @@ pub fn diagnose(
     let aside = aside::told(&search, &state, (ended.model, &withdrawn), &is_course, observe)?;
     ended.model = aside.model;
     state.fit.model = ended.told.clone();
-    let Ended { machine_step, wander, zeros, late, left: detection_after, kinds, without, competing, model, .. } =
-        ended;
+    let Ended {
+        machine_step,
+        wander,
+        may_wander,
+        zeros,
+        late,
+        left: detection_after,
+        kinds,
+        without,
+        competing,
+        model,
+        ..
+    } = ended;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
@@ -132,7 +143,7 @@ pub fn diagnose(
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
         // What was significant and stays out is no noise either; in correlated noise, it was significant for white noise.
-        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together,
+        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together && may_wander.is_none(),
         only_correlated: quiet && hangs_together,
         steps: state
             .steps
@@ -143,6 +154,7 @@ pub fn diagnose(
             .chain(clock.as_ref().map(ClockShift::words))
             .chain(machine_step.as_ref().map(MachineStep::words))
             .chain(wander.as_ref().map(Wander::words))
+            .chain(may_wander.as_ref().map(Wander::words_of_doubt))
             .chain(zeros.iter().map(ZeroOfScale::words))
             .collect(),
         rejected_lines,
@@ -156,6 +168,7 @@ pub fn diagnose(
         enriched,
         machine_step,
         wander,
+        may_wander,
         late,
         clock,
         set_aside,
@@ -182,6 +195,7 @@ fn has_all(terms: &[EffectTerm], some: &[EffectTerm]) -> bool {
 struct Ended<'a> {
     machine_step: Option<MachineStep>,
     wander: Option<Wander>,
+    may_wander: Option<Wander>,
     zeros: Vec<ZeroOfScale>,
     late: Option<Late>,
     /// What the residual says beside all that was found.
@@ -214,6 +228,7 @@ impl<'a> Ended<'a> {
             Some(_) => (None, None),
             None => wandering(search, state, (start, base), observe)?,
         };
+        let may_wander = widening.clone().filter(|_| wander.is_none());
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
         let is_found = |fitted: &FittedEffect| !is_of(base, fitted);
         let found = state.fit.model.parts().effects.iter().filter(|fitted| is_found(fitted));
@@ -253,7 +268,20 @@ impl<'a> Ended<'a> {
         let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
         let model = averaged.without(|fitted| is_course_beside(base, fitted, campaign));
         let model = model.map_err(IdentifyError::from)?;
-        Ok(Ended { machine_step, wander, zeros, late, left, kinds, told, stands_alone, without, competing, model })
+        Ok(Ended {
+            machine_step,
+            wander,
+            may_wander,
+            zeros,
+            late,
+            left,
+            kinds,
+            told,
+            stands_alone,
+            without,
+            competing,
+            model,
+        })
     }
 
     /// The model as it is weighed against another: the path of the machine's zero that may stand behind stands that move is a rigid motion of all

@@ -43,6 +43,9 @@ pub struct Diagnosis {
     pub machine_step: Option<MachineStep>,
     /// Slow changes of the machine or its stations, each too small to be named.
     pub wander: Option<Wander>,
+    /// Where nothing was found: what the fit that it began with shows of such changes if all noise is of single readings. It stands in the
+    /// uncertainty, and may be noise that hangs together.
+    pub may_wander: Option<Wander>,
     /// What the last lines are off by, after which nothing was measured.
     pub late: Option<Late>,
     /// A log that goes by another clock than the readings: what follows it was set aside.

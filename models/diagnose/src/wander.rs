@@ -75,6 +75,17 @@ impl Wander {
         )
     }
 
+    /// The same where noise that hangs together explains it as well.
+    pub fn words_of_doubt(&self) -> String {
+        let [x, y, z] = self.size_m.map(|m| format!("{:.2}", m * 1e6));
+        format!(
+            "If all noise is of single readings, scales, angles or bows of the machine change in the course of the campaign (p = {:.1e}): the tip \
+             wanders by {x}, {y} and {z} µm along X, Y and Z (rms over the readings). Noise that neighbouring readings share explains it as well. It \
+             stands in U.",
+            self.p_value
+        )
+    }
+
     /// The same for an identification, which looks for no cause.
     pub fn finding(&self) -> Finding {
         let subject = Subject::Wanders { p_value: self.p_value, size_m: self.size_m };

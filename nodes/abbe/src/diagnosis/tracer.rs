@@ -140,6 +140,11 @@ fn wandered(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.wander.as_ref().map(Wander::words)
 }
 
+/// That it may wander, where noise explains that as well.
+fn may_wander(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.may_wander.as_ref().map(Wander::words_of_doubt)
+}
+
 /// That the last lines are off, and nothing was measured after them.
 fn late(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.late.as_ref().map(Late::words)
@@ -240,7 +245,7 @@ pub(crate) fn run(
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
     let changed: Vec<String> =
-        [stepped, out_of_time, wandered, late].into_iter().filter_map(|said| said(&diagnosis)).collect();
+        [stepped, out_of_time, wandered, may_wander, late].into_iter().filter_map(|said| said(&diagnosis)).collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
@@ -367,6 +372,7 @@ fn recorded(
         Some(record.words()),
         hidden,
         wandered(diagnosis),
+        may_wander(diagnosis),
         late(diagnosis),
     ];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
