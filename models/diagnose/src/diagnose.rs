@@ -339,20 +339,19 @@ fn wandering(
     let is_course = |fitted: &&FittedEffect| is_course_beside(base, fitted, search.campaign);
     let effects = &state.fit.model.parts().effects;
     let kept: Vec<EffectTerm> = effects.iter().filter(|fitted| !is_course(fitted)).map(EffectTerm::of).collect();
-    let finds_nothing = effects.iter().filter(|fitted| !is_course(fitted)).all(|fitted| is_of(base, fitted));
-    let at_the_start = match finds_nothing {
-        true => floor::in_course_of_time(start, search.instrument, search.campaign)?,
-        false => None,
+    let or_at_the_start = |found: Option<Wander>| match found {
+        None if kept.iter().all(|term| has(base, term)) => wander::in_time(start, search.instrument, search.campaign),
+        found => Ok(found),
     };
     if kept.len() == effects.len() {
-        return Ok((said.clone(), said.or(at_the_start)));
+        return Ok((said.clone(), or_at_the_start(said)?));
     }
     match search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? {
         Ok((fit, round)) => {
             let without = find(&fit, &round, observe)?;
-            Ok((said.or_else(|| without.clone()), without.or(at_the_start)))
+            Ok((said.or_else(|| without.clone()), or_at_the_start(without)?))
         }
-        Err(_) => Ok((said.clone(), said.or(at_the_start))),
+        Err(_) => Ok((said.clone(), or_at_the_start(said)?)),
     }
 }
 

@@ -20,16 +20,9 @@ use abbe_geometry::model::MachineModel;
 use abbe_identify::{Excess, Identified, IdentifyError, by_axis, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-use abbe_measurement::subset::spread;
 
 /// Kinds of block that are left out.
 const LEFT_OUT: [&str; 2] = ["line", "time"];
-
-/// Readings from which a part of them, spread over the campaign, tells whether the machine wanders: what is slow shows in them.
-const MANY: usize = 6000;
-
-/// χ² per degree of freedom from which a residual tells by itself that the model lacks something.
-const TOLD_BY_RESIDUAL: f64 = 1.5;
 
 /// An identification alone, as a model that holds what the fit does not explain.
 #[derive(Debug, Clone)]
@@ -57,29 +50,11 @@ pub fn with_left_out(
         model =
             model.with_unexplained(std::array::from_fn(|d| own_m[d].max(left_m[d]))).map_err(IdentifyError::from)?;
     }
-    let wander = in_course_of_time(fit, instrument, campaign)?;
+    let wander = wander::in_time(fit, instrument, campaign)?;
     if let Some(wander) = &wander {
         model = wander.told(model).map_err(IdentifyError::from)?;
     }
     Ok(Alone { model, wander })
-}
-
-/// How a machine wanders that its fit seems to explain, with all noise taken to be of single readings; `None` where chance explains it, and where
-/// the residual says already that the model lacks something: what that does slowly is as uncertain as all else of it.
-///
-/// # Errors
-/// Rows that cannot be factored.
-pub(crate) fn in_course_of_time(
-    fit: &Identified,
-    instrument: RangeUncertainty,
-    campaign: &Campaign,
-) -> Result<Option<Wander>, DiagnoseError> {
-    if fit.evidence.chi2_per_dof > TOLD_BY_RESIDUAL {
-        return Ok(None);
-    }
-    let part = spread(campaign.readings.len(), MANY);
-    let (fit, campaign) = (fit.of_readings(&part), campaign.part(&part));
-    Ok(wander::in_time((&fit.model, &Round::new(&fit, instrument, &campaign)?), &campaign))
 }
 
 /// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.

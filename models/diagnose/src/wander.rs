@@ -24,8 +24,10 @@ use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::effects::is_derived;
 use abbe_geometry::model::{MachineModel, ModelError, packed};
 use abbe_identify::verdict::{Cause, Finding, Grade, Subject};
-use abbe_identify::{TIME, symmetric_eigen};
+use abbe_identify::{Identified, TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::subset::spread;
 use faer::Mat;
 
 mod cycles;
@@ -40,6 +42,10 @@ const SEEN: f64 = 1e-9;
 const LEAST_WEIGHT: f64 = 0.01;
 /// Degrees of freedom that must be left beside all directions.
 const FEWEST_DEGREES: f64 = 50.0;
+/// Readings from which a part of them, spread over the campaign, tells whether the machine wanders: what is slow shows in them.
+const MANY: usize = 6000;
+/// χ² per degree of freedom from which a residual tells by itself that the model lacks something.
+const TOLD_BY_RESIDUAL: f64 = 1.5;
 /// Axes as readers know them.
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// ln σ²λ over the noise between which the estimate lies, λ the largest.
@@ -64,7 +70,7 @@ pub struct Wander {
 impl Wander {
     /// What it is and what to do, for readers.
     pub fn words(&self) -> String {
-        let [x, y, z] = self.size_m.map(|m| format!("{:.2}", m * 1e6));
+        let [x, y, z] = self.sizes_um();
         let moves = self.moves.as_ref().map_or_else(String::new, |moves| format!(", {moves}"));
         format!(
             "Scales, angles or bows of the machine, or its stations, change in the course of the campaign (p = {:.1e}; most like \
@@ -75,9 +81,14 @@ impl Wander {
         )
     }
 
+    /// How far the tip wanders (µm, rms), for readers.
+    fn sizes_um(&self) -> [String; 3] {
+        self.size_m.map(|m| format!("{:.2}", m * 1e6))
+    }
+
     /// The same where noise that hangs together explains it as well.
     pub fn words_of_doubt(&self) -> String {
-        let [x, y, z] = self.size_m.map(|m| format!("{:.2}", m * 1e6));
+        let [x, y, z] = self.sizes_um();
         format!(
             "If all noise is of single readings, scales, angles or bows of the machine change in the course of the campaign (p = {:.1e}): the tip \
              wanders by {x}, {y} and {z} µm along X, Y and Z (rms over the readings). Noise that neighbouring readings share explains it as well. It \
@@ -125,13 +136,24 @@ pub(crate) fn find(
     Ok(seen.wander(model, campaign, &looks, options.significance))
 }
 
-/// The same of an identification alone, and of what goes slowly with time alone.
-pub(crate) fn in_time((model, round): (&MachineModel, &Round), campaign: &Campaign) -> Option<Wander> {
-    let seen = Seen::of(round, campaign);
+/// The same of a fit that seems to explain its readings, and of what goes slowly with time alone, with all noise taken to be of single readings.
+/// `None` also where the residual says already that the model lacks something: what that does slowly is as uncertain as all else of it.
+pub(crate) fn in_time(
+    fit: &Identified,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+) -> Result<Option<Wander>, DiagnoseError> {
+    if fit.evidence.chi2_per_dof > TOLD_BY_RESIDUAL {
+        return Ok(None);
+    }
+    let part = spread(campaign.readings.len(), MANY);
+    let (fit, campaign) = (&fit.of_readings(&part), &campaign.part(&part));
+    let round = Round::new(fit, instrument, campaign)?;
+    let seen = Seen::of(&round, campaign);
     let course = in_course_of_time(campaign, &seen.used);
     let sets = Motions::each(&seen.places).into_iter().chain(Motions::families(&seen.places));
     let looks: Vec<Tested> = sets.filter_map(|motions| seen.look(motions, &course).tested()).collect();
-    seen.wander(model, campaign, &looks, DiagnoseOptions::default().significance)
+    Ok(seen.wander(&fit.model, campaign, &looks, DiagnoseOptions::default().significance))
 }
 
 /// Rows of a fit, those used, and where the machine stood.

@@ -70,8 +70,7 @@ pub fn unseen_expansions(
     campaign: &Campaign,
     is_kept: &dyn Fn(&FittedEffect) -> bool,
 ) -> UnseenExpansions {
-    let is_logged = |column: &&Covariate| column.name.ends_with(TEMPERATURE) && !is_derived(&column.name);
-    let logged: Vec<&Covariate> = campaign.covariates.iter().filter(is_logged).collect();
+    let logged: Vec<&Covariate> = logged_temperatures(campaign).collect();
     let mut all = UnseenExpansions::default();
     if logged.is_empty() {
         all.absorbed.extend(common_scale(fit, instrument, campaign));
@@ -98,6 +97,11 @@ pub fn unseen_expansions(
         }
     }
     all
+}
+
+/// Temperatures that a sensor gave, and none that was made of another.
+pub(crate) fn logged_temperatures(campaign: &Campaign) -> impl Iterator<Item = &Covariate> {
+    campaign.covariates.iter().filter(|column| column.name.ends_with(TEMPERATURE) && !is_derived(&column.name))
 }
 
 /// Whether an effect stretches a scale with a temperature: what the data leave open of that is in [`unseen_expansions`].

@@ -4,16 +4,14 @@
 //! that were joined, do. Times may differ.
 
 use super::{Finding, Grade, Subject};
-use abbe_measurement::campaign::Campaign;
+use abbe_measurement::campaign::{Campaign, RangeReading};
 
 /// That readings repeat others, and by what covariances grow so that each counts once (1 where none does).
 pub(super) fn copies(campaign: &Campaign) -> (Option<Finding>, f64) {
     let all = campaign.readings.len();
     let key = |k: &u32| {
-        let reading = &campaign.readings[*k as usize];
-        let numbers = reading.reading_m.iter().chain(&reading.offset_m).chain([&reading.length_m]);
-        let mut bits = numbers.map(|number| number.to_bits());
-        (reading.station, [(); 7].map(|()| bits.next()))
+        let RangeReading { station, reading_m, offset_m, length_m, .. } = campaign.readings[*k as usize];
+        (station, reading_m.map(f64::to_bits), offset_m.map(f64::to_bits), length_m.to_bits())
     };
     let mut order: Vec<u32> = (0..all as u32).collect();
     order.sort_unstable_by_key(key);
@@ -28,7 +26,6 @@ pub(super) fn copies(campaign: &Campaign) -> (Option<Finding>, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use abbe_measurement::campaign::RangeReading;
 
     #[test]
     fn a_reading_that_was_logged_again_later_is_a_copy() {

@@ -3,9 +3,8 @@
 //! Place in the flow: from the campaign alone.
 
 use super::{Finding, Grade, Subject};
+use crate::unseen_expansion::logged_temperatures;
 use abbe_geometry::Axis;
-use abbe_geometry::effects::is_derived;
-use abbe_geometry::seen::TEMPERATURE;
 use abbe_measurement::campaign::Campaign;
 
 /// Axes that moved and whose points were all approached from one side, as far as sides were logged.
@@ -18,7 +17,7 @@ pub(super) fn one_sided(campaign: &Campaign) -> Option<Finding> {
 
 fn is_one_sided(campaign: &Campaign, axis: Axis) -> bool {
     let name = ["dir_x", "dir_y", "dir_z"][axis.index()];
-    let Some(column) = campaign.covariates.iter().find(|column| column.name == name) else { return false };
+    let Some(column) = campaign.covariate(name) else { return false };
     let mut sides = column.values.iter().flatten().filter(|side| **side != 0.0).map(|side| side.is_sign_positive());
     let places = || campaign.readings.iter().map(|reading| reading.reading_m[axis.index()]);
     let moved = places().zip(places().skip(1)).any(|(before, after)| before != after);
@@ -27,8 +26,11 @@ fn is_one_sided(campaign: &Campaign, axis: Axis) -> bool {
 
 /// A campaign without any temperature.
 pub(super) fn no_temperature(campaign: &Campaign) -> Option<Finding> {
-    let is_logged = campaign.covariates.iter().any(|own| own.name.ends_with(TEMPERATURE) && !is_derived(&own.name));
-    (!is_logged).then(|| Finding { grade: Grade::Message, subject: Subject::NoTemperature, causes: Vec::new() })
+    logged_temperatures(campaign).next().is_none().then(|| Finding {
+        grade: Grade::Message,
+        subject: Subject::NoTemperature,
+        causes: Vec::new(),
+    })
 }
 
 #[cfg(test)]
