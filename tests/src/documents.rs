@@ -89,15 +89,16 @@ pub fn subcommand_and_options(call: &str) -> (Option<&str>, Vec<&str>) {
     (words.get(1).filter(is_name).copied(), options)
 }
 
-/// Whether a script runs a command: a line of it ends in these words, whatever feature of cargo it names besides.
+/// Whether a script runs a command: a line of it ends in these words, whatever feature of cargo it names besides, and optimised or not.
 pub fn runs(script: &str, command: &str) -> bool {
     let plain = |line: &str| {
         let words: Vec<&str> = line.split_whitespace().collect();
         let is_feature = |place: usize| words[place] == "--features" || (place > 0 && words[place - 1] == "--features");
-        let kept = (0..words.len()).filter(|place| !is_feature(*place)).map(|place| words[place]);
-        kept.collect::<Vec<_>>().join(" ")
+        let is_kept = |place: &usize| !is_feature(*place) && words[*place] != "--release";
+        (0..words.len()).filter(is_kept).map(|place| words[place]).collect::<Vec<_>>().join(" ")
     };
-    script.lines().any(|line| !line.trim_start().starts_with('#') && plain(line).ends_with(command))
+    let command = plain(command);
+    script.lines().any(|line| !line.trim_start().starts_with('#') && plain(line).ends_with(&command))
 }
 
 #[cfg(test)]
@@ -145,6 +146,7 @@ mod tests {
         assert!(!runs("# cargo test --workspace\ncargo test --workspace --lib\n", "cargo test --workspace"));
         assert!(runs("  cargo run --features opcua -- demo\n", "cargo run -- demo"));
         assert!(!runs("  cargo run --features opcua -- demo --fast\n", "cargo run -- demo"));
+        assert!(runs("  cargo run -- demo\n", "cargo run --release -- demo"));
     }
 
     #[test]

@@ -333,7 +333,7 @@ fn the_table_of_launch_keys_is_whole() {
     assert_none("docs/src/reference/live.md lacks", &documents::not_named(&read("docs/src/reference/live.md"), &keys));
 }
 
-/// What the README promises in its first lines is what continuous integration runs.
+/// What the README promises in its first lines is what continuous integration runs; not optimised, which would be one more build of all.
 #[test]
 fn the_two_commands_of_the_readme_are_those_of_ci() {
     let commands = documents::first_commands(&read("README.md"));

@@ -22,6 +22,8 @@ use std::f64::consts::TAU;
 /// loses a tenth at most.
 const PEAKS: usize = 24;
 const NEARLY: f64 = 0.8;
+/// Frequencies of which products are taken at once.
+const TOGETHER: usize = 64;
 /// Worth within which two waves are the same at all targets: the slower is taken.
 const SAME: f64 = 1e-3;
 
@@ -56,7 +58,11 @@ impl Left {
     /// Gain of twice the log likelihood, less the price of the choice: among so many waves that the positions do not resolve, one goes
     /// by chance.
     fn worth(&self, frequency: f64) -> f64 {
-        self.gain(frequency) - 2.0 * self.band.choices(frequency).ln()
+        self.gain(frequency) - self.price(frequency)
+    }
+
+    fn price(&self, frequency: f64) -> f64 {
+        2.0 * self.band.choices(frequency).ln()
     }
 
     fn gain(&self, frequency: f64) -> f64 {
@@ -67,18 +73,54 @@ impl Left {
         gain_of_two(gradient, alone, left, self.chi2, self.degrees)
     }
 
-    /// The highest peaks, highest first, of equal ones the slower.
-    fn peaks(&self) -> Vec<Peak> {
+    /// The gain at so many frequencies from this one on, a step of the scan apart: products of all of them are taken at once.
+    fn gains(&self, first: f64, count: usize) -> Vec<f64> {
+        let places_m = &self.band.places_m;
+        // Sines, then cosines; each turns on from the one before.
+        let mut waves = Mat::zeros(places_m.len(), 2 * count);
+        for (row, place_m) in places_m.iter().enumerate() {
+            let (mut sine, mut cosine) = (TAU * place_m * first).sin_cos();
+            let (s, c) = (TAU * place_m * self.band.step).sin_cos();
+            for k in 0..count {
+                (waves[(row, k)], waves[(row, count + k)]) = (sine, cosine);
+                (sine, cosine) = (sine * c + cosine * s, cosine * c - sine * s);
+            }
+        }
+        let reached = [&self.each.alone, &self.each.left].map(|square| square * &waves);
+        let gain = |k: usize| {
+            let own = [k, count + k];
+            let [sine, cosine] = own.map(|column| waves.col_as_slice(column));
+            let gradient = [sine, cosine].map(|wave| dot(wave, &self.each.gradient));
+            let [alone, left] = [&reached[0], &reached[1]].map(|reached| {
+                let [of_sine, of_cosine] = own.map(|column| reached.col_as_slice(column));
+                OfTwo { diagonal: [dot(sine, of_sine), dot(cosine, of_cosine)], beside: dot(cosine, of_sine) }
+            });
+            gain_of_two(gradient, alone, left, self.chi2, self.degrees)
+        };
+        (0..count).map(gain).collect()
+    }
+
+    /// What waves are worth at each step of the scan.
+    fn scan(&self) -> Vec<f64> {
         let Band { low, high, step, .. } = self.band;
         let count = ((high - low) / step).floor() as usize;
-        let worth: Vec<f64> = (0..=count).map(|k| self.worth(low + k as f64 * step)).collect();
+        let frequency = |k: usize| low + k as f64 * step;
+        let starts = (0..=count).step_by(TOGETHER);
+        let gains = starts.flat_map(|k| self.gains(frequency(k), TOGETHER.min(count + 1 - k)));
+        gains.enumerate().map(|(k, gain)| gain - self.price(frequency(k))).collect()
+    }
+
+    /// The highest peaks, highest first, of equal ones the slower.
+    fn peaks(&self) -> Vec<Peak> {
+        let Band { low, step, .. } = self.band;
+        let worth = self.scan();
         let most = worth.iter().copied().fold(0.0, f64::max);
         let beside = |k: usize| {
             let (before, after) = (k.checked_sub(1).map(|k| worth[k]), worth.get(k + 1).copied());
             before.into_iter().chain(after).fold(f64::NEG_INFINITY, f64::max)
         };
         let is_peak = |k: &usize| worth[*k] >= beside(*k) && worth[*k] >= NEARLY * most - COMPARABLE;
-        let mut places: Vec<usize> = (0..=count).filter(is_peak).collect();
+        let mut places: Vec<usize> = (0..worth.len()).filter(is_peak).collect();
         places.sort_by(|a, b| worth[*b].total_cmp(&worth[*a]));
         let top = |k: usize| {
             let own = low + k as f64 * step;
