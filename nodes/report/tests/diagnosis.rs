@@ -235,3 +235,33 @@ fn regress_the_first_sentence_names_what_is_hardly_less_likely() {
     let words = Record { enriched: true, effects: vec![sure], ..Record::default() }.words();
     assert!(words.starts_with("The model lacks: expansion of X by temp_scale_x_c."), "{words}");
 }
+
+/// "Cannot be told from" stood below a claim that the first sentence made without a doubt.
+#[test]
+fn regress_the_answer_says_which_other_causes_explain_as_much_and_which_sizes_are_not_known() {
+    let rival =
+        |name: &str| Rival { name: name.into(), title: String::new(), shape: BTreeMap::new(), evidence_behind: None };
+    let mut scale = Effect { kind: "attributed".into(), ..effect("scale of Y (EYY, straight part)") };
+    let described = "smooth in y_m and time_s, degree 3, component y";
+    let growth =
+        ["growth of a scale with time (y, tau_s 532)", "growth of a scale with time (y, tau_s 681)", described];
+    scale.cannot_be_told_from = growth.map(rival).to_vec();
+    let considered = |name: &str| Considered {
+        name: name.into(),
+        kind: "empirical".into(),
+        tested: 3,
+        p_value: None,
+        p_holm: None,
+        evidence: None,
+        alias_share: None,
+    };
+    let record = Record { effects: vec![scale.clone()], considered: vec![considered(described)], ..Record::default() };
+    let words = record.words();
+    assert!(words.contains("These data do not tell scale of Y from growth of a scale with time."), "{words}");
+    assert!(!words.contains("do not trust its size"), "{words}");
+    scale.alias_share = Some(0.993);
+    scale.cannot_be_told_from.clear();
+    let words = Record { effects: vec![scale], ..Record::default() }.words();
+    assert!(!words.contains("do not tell"), "{words}");
+    assert!(words.contains("so do not trust its size: scale of Y (99.3 %)."), "{words}");
+}

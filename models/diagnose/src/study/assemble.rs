@@ -81,7 +81,10 @@ pub(super) fn diagnose(
     let values = |candidate| {
         last.added.iter().find(|own| own.candidate == candidate).map_or_else(Vec::new, |own| own.values.clone())
     };
-    let open = Open { found: &found.set, is_kept: &|row| !left_out.contains(&row), known: &known, values: &values };
+    let instead = |candidate| instead(&view, &last, &effects, candidate);
+    let is_kept = |row| !left_out.contains(&row);
+    let open = Open { found: &found.set, is_kept: &is_kept, known: &known, instead: &instead, values: &values };
+    let doubts = Doubts { absorbed: absorbed(&view, &last, &open), ..doubts };
     let terms = with_deviations(terms(&*view.study, &last, &u, &doubts, &open), &view, &last);
     effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
@@ -191,6 +194,36 @@ fn known(view: &View, fit: &Fit, candidate: usize) -> Option<f64> {
     let (values, vectors) = symmetric_eigen(&left)?;
     let variance: f64 = (0..count).map(|k| vectors[(0, k)].powi(2) / values[k].max(f64::MIN_POSITIVE)).sum();
     Some(variance.sqrt() / scale[0])
+}
+
+/// First parameter of a candidate in the place of the effects that have it for a rival; `None` where there are none.
+fn instead(view: &View, fit: &Fit, effects: &[Effect], candidate: usize) -> Option<f64> {
+    let candidates = view.study.candidates();
+    let is_rival = |effect: &&Effect| effect.rivals.contains(&candidates[candidate].name);
+    let replaced: Vec<&str> = effects.iter().filter(is_rival).map(|effect| effect.name.as_str()).collect();
+    if replaced.is_empty() {
+        return None;
+    }
+    let stays = |k: &usize| !replaced.contains(&candidates[*k].name.as_str());
+    let rest: Vec<usize> = fit.set().into_iter().filter(stays).collect();
+    let with = Fit::settle(view, &[rest, vec![candidate]].concat()).ok()?;
+    with.added.last()?.values.first().copied()
+}
+
+/// What the parameters of a fit take of each expansion that the data leave open: by how much they may be off together.
+fn absorbed(view: &View, fit: &Fit, open: &Open) -> Vec<Vec<Vec<f64>>> {
+    let columns = view.study.unseen_columns(&view.study.unseen_expansions(open));
+    if columns.ncols() == 0 {
+        return Vec::new();
+    }
+    let linear = &fit.linear;
+    let taken = linear.covariance() * (linear.jacobian().transpose() * view.whitened(&view.picked(&columns)));
+    let of = |fitted: &Fitted, column: usize| -> Vec<f64> {
+        let own = |j: usize| taken[(fitted.first + j, column)];
+        let value = |i: usize| (0..fitted.map.ncols()).map(|j| fitted.map[(i, j)] * own(j)).sum();
+        (0..fitted.map.nrows()).map(value).collect()
+    };
+    (0..columns.ncols()).map(|column| fit.added.iter().map(|fitted| of(fitted, column)).collect()).collect()
 }
 
 /// What rounding by a display leaves open of each column's size, beside the base, if it acts in the worst way.

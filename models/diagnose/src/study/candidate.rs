@@ -5,7 +5,7 @@
 //! in common with the rows before them is taken out later ([`super::view`]).
 
 use super::outcome::{Ambiguity, Untestable};
-use super::told::Changed;
+use super::told::{Changed, REACHES};
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::score::Score;
@@ -98,6 +98,8 @@ pub(crate) struct Open<'a> {
     /// Standard uncertainty of the first parameter of a candidate that was not found, beside all that was (SI); `None` where the data say
     /// nothing of it.
     pub(crate) known: &'a dyn Fn(usize) -> Option<f64>,
+    /// First parameter of a candidate in the place of those found that the data do not tell from it (SI); `None` where there are none.
+    pub(crate) instead: &'a dyn Fn(usize) -> Option<f64>,
     /// Values of a candidate found (SI).
     pub(crate) values: &'a dyn Fn(usize) -> Vec<f64>,
 }
@@ -112,6 +114,12 @@ impl Open<'_> {
     pub(crate) fn overlooked_per_k(&self, expansion: Option<usize>) -> f64 {
         let known = expansion.and_then(|candidate| (self.known)(candidate));
         known.map_or(EXPANSION_PER_K, |u| (UNDETECTED * u).min(EXPANSION_PER_K))
+    }
+
+    /// What an expansion would be in the place of what was found and is not told from it (1/K), such that an interval for none holds it.
+    pub(crate) fn instead_per_k(&self, expansion: Option<usize>) -> f64 {
+        let instead = expansion.and_then(|candidate| (self.instead)(candidate));
+        instead.map_or(0.0, |per_k| (REACHES * per_k.abs()).min(EXPANSION_PER_K))
     }
 }
 
@@ -423,6 +431,12 @@ pub(crate) trait Study: Sync {
     /// What the rows leave open of the expansion of each scale with each temperature that was logged.
     fn unseen_expansions(&self, _open: &Open) -> Vec<UnseenExpansion> {
         Vec::new()
+    }
+
+    /// What these expansions do to the rows at the size that is left open, one column for each scale: of several temperatures that one
+    /// counts which says most.
+    fn unseen_columns(&self, _unseen: &[UnseenExpansion]) -> Mat<f64> {
+        Mat::zeros(0, 0)
     }
 
     /// Range of a logged quantity as a model reads it: times since the first row.

@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 
 /// Standard uncertainties, of the distance of two answers, from which k = 2 about one reaches the other, and a fifth beyond: half of all scatter about
 /// the other would lie outside without that.
-const REACHES: f64 = 0.6;
+pub(super) const REACHES: f64 = 0.6;
 /// Share of its size that a parameter keeps beside an instrument's drift, from which it is mostly the machine's; and share of the largest
 /// signature from which a parameter counts in that.
 const KEEPS: f64 = 0.5;
@@ -46,13 +46,16 @@ pub(super) struct Doubts {
     /// Place in the fit, and how far another answer is, of each parameter, as a standard uncertainty.
     pub(super) apart: Vec<(usize, Vec<f64>)>,
     pub(super) ambiguities: Vec<Ambiguity>,
+    /// What the fit took of each expansion that nothing shows: of all places in the fit, by how much their parameters may be off together.
+    pub(super) absorbed: Vec<Vec<Vec<f64>>>,
 }
 
 impl Doubts {
     /// Covariance of two parameters (place in the fit, number).
     pub(super) fn covariance(&self, (a, i): (usize, usize), (b, j): (usize, usize)) -> f64 {
         let of_both = self.apart.iter().filter(|(place, _)| a == b && *place == a);
-        of_both.map(|(_, apart)| apart[i] * apart[j]).sum()
+        let apart: f64 = of_both.map(|(_, apart)| apart[i] * apart[j]).sum();
+        apart + self.absorbed.iter().map(|off| off[a][i] * off[b][j]).sum::<f64>()
     }
 
     /// Widens what is reported of the effect at a place in the fit.

@@ -10,6 +10,12 @@ use crate::text::{fixed, listed, significant};
 const SET_ASIDE: usize = 3;
 /// Odds against the effect found from which the first sentence names what may stand in its place: one to three.
 const NEARLY_AS_LIKELY: f64 = 1.0 / 3.0;
+/// Share of an effect that the model's own errors could imitate from which the verdict says so.
+const NEARLY_GEOMETRY: f64 = 0.98;
+/// Kind of an effect that describes and explains nothing.
+const EMPIRICAL: &str = "empirical";
+/// Kinds of other causes that it names at most.
+const RIVALS: usize = 3;
 /// Probability below which scatter is not what was declared.
 const UNDECLARED: f64 = 1e-4;
 
@@ -18,6 +24,8 @@ impl Record {
     pub fn words(&self) -> String {
         let mut sentences = vec![self.finding()];
         sentences.extend(self.not_adopted.iter().map(|because| format!("Nothing was adopted: {because}.")));
+        sentences.extend(self.not_told_apart());
+        sentences.extend(self.surer_than_its_size());
         sentences.extend(self.set_aside_words());
         if self.enriched {
             sentences.push(
@@ -58,6 +66,40 @@ impl Record {
         (most < 0.0).then(|| {
             format!(
                 "At the points whose actual position is known the error grows from {before} to {after} µm {with}: keep the model that you have."
+            )
+        })
+    }
+
+    /// Causes of another kind that explain these data as well as one that was found: elsewhere, or later, they say something else.
+    fn not_told_apart(&self) -> Option<String> {
+        let is_described = |name: &str| self.considered.iter().any(|own| own.name == name && own.kind == EMPIRICAL);
+        let of = |effect: &Effect| {
+            let own = kind_of(&effect.name, &effect.title);
+            let mut others: Vec<&str> = Vec::new();
+            for rival in effect.cannot_be_told_from.iter().filter(|rival| !is_described(&rival.name)) {
+                let other = kind_of(&rival.name, &rival.title);
+                if other != own && !others.contains(&other) {
+                    others.push(other);
+                }
+            }
+            (!others.is_empty()).then(|| format!("{own} from {}", listed(&others, RIVALS, " or ")))
+        };
+        let named = self.effects.iter().filter(|effect| effect.kind != EMPIRICAL);
+        let list: Vec<String> = named.filter_map(of).collect();
+        (!list.is_empty()).then(|| format!("These data do not tell {}.", list.join(", nor ")))
+    }
+
+    /// Effects that the model's own errors could imitate nearly whole.
+    fn surer_than_its_size(&self) -> Option<String> {
+        let of = |effect: &Effect| {
+            let share = effect.alias_share.filter(|share| *share >= NEARLY_GEOMETRY)?;
+            Some(format!("{} ({} %)", kind_of(&effect.name, &effect.title), fixed(100.0 * share, 1)))
+        };
+        let list: Vec<String> = self.effects.iter().filter_map(of).collect();
+        (!list.is_empty()).then(|| {
+            format!(
+                "Nearly all of it could stand in the errors of the machine, so do not trust its size: {}.",
+                list.join("; ")
             )
         })
     }
@@ -170,7 +212,7 @@ fn interval(figures: &ErrorFigures) -> String {
 
 /// An effect with its parameter, or the amplitude of its wave; of what has more, with what it does to the readings.
 fn named(effect: &Effect) -> String {
-    let label = match (effect.kind == "empirical", effect.corrects) {
+    let label = match (effect.kind == EMPIRICAL, effect.corrects) {
         (true, true) => format!("{} (not explained)", effect.label()),
         (true, false) => {
             format!(
@@ -198,6 +240,12 @@ fn named(effect: &Effect) -> String {
         }
         _ => label,
     }
+}
+
+/// What an effect is called without its axis, its sensor and its constants.
+fn kind_of<'a>(name: &'a str, title: &'a str) -> &'a str {
+    let whole = if title.is_empty() { name } else { title };
+    whole.split(" (").next().unwrap_or(whole)
 }
 
 /// The other explanation as an effect of its own, for its name.

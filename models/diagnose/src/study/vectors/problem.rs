@@ -505,6 +505,10 @@ impl Study for Vectors<'_> {
         self.unseen(open)
     }
 
+    fn unseen_columns(&self, unseen: &[UnseenExpansion]) -> Mat<f64> {
+        self.columns_of_unseen(unseen)
+    }
+
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
         let quantity = self.quantities.iter().find(|quantity| quantity.name == name)?;
         let less = self.less(name);
