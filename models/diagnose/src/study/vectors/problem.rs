@@ -209,14 +209,6 @@ impl<'a> Vectors<'a> {
         (0..axis.index()).filter(|other| self.measured[*other]).count()
     }
 
-    /// What a wave may be between the lines of a grid.
-    fn alias(&self, candidate: usize) -> Option<ModelTerm> {
-        let Part::Wave(Wave { axis, .. }) = self.parts[candidate] else { return None };
-        let less_m = self.offset_m()[axis.index()];
-        let readings_m: Vec<f64> = self.vectors.iter().map(|vector| vector.position_m[axis.index()] - less_m).collect();
-        model::alias(axis, &readings_m)
-    }
-
     fn time(&self) -> Option<(usize, &Quantity)> {
         self.quantities.iter().enumerate().find(|(_, quantity)| quantity.name == TIME)
     }

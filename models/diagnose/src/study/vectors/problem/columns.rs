@@ -4,11 +4,12 @@
 //! [`crate::study::candidate::Study::columns`]. m.
 
 use super::super::drift::{self, Motion};
+use super::super::model;
 use super::super::plate::RIGID;
 use super::super::shape::Bent;
 use super::super::wave::Wave;
 use super::{Part, Vectors};
-use crate::study::candidate::Forms;
+use crate::study::candidate::{Forms, ModelTerm};
 use crate::study::step::Step;
 use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
@@ -35,6 +36,14 @@ impl Vectors<'_> {
         let Part::Wave(own) = &self.parts[candidate] else { return true };
         let is_open = |part: &Part| matches!(part, Part::Wave(wave) if wave.axis == own.axis && !wave.is_set());
         own.is_set() || !self.parts[..candidate].iter().any(is_open)
+    }
+
+    /// What a wave may be between the lines of a grid.
+    pub(super) fn alias(&self, candidate: usize) -> Option<ModelTerm> {
+        let Part::Wave(Wave { axis, .. }) = self.parts[candidate] else { return None };
+        let less_m = self.offset_m()[axis.index()];
+        let readings_m: Vec<f64> = self.vectors.iter().map(|vector| vector.position_m[axis.index()] - less_m).collect();
+        model::alias(axis, &readings_m)
     }
 
     pub(super) fn wave_columns(&self, wave: &Wave, frequency: f64, vectors: &[usize]) -> Mat<f64> {

@@ -36,8 +36,12 @@ impl Vectors<'_> {
         names.map(one).collect()
     }
 
-    /// Each scale as far from what it was at its mean temperature as the data leave open, about the middle of its readings.
+    /// Each scale as far from what it was at its mean temperature as the data leave open, about the middle of its readings; none where
+    /// no machine is known, and so no scale.
     pub(super) fn columns_of_unseen(&self, unseen: &[UnseenExpansion]) -> Mat<f64> {
+        if self.machine.is_none() {
+            return Mat::zeros(0, 0);
+        }
         let columns: Vec<Mat<f64>> = Axis::ALL.into_iter().filter_map(|axis| self.most_of(axis, unseen)).collect();
         joined(&columns)
     }
