@@ -89,7 +89,8 @@ pub fn subcommand_and_options(call: &str) -> (Option<&str>, Vec<&str>) {
     (words.get(1).filter(is_name).copied(), options)
 }
 
-/// Whether a script runs a command: a line of it ends in these words, whatever feature of cargo it names besides, and optimised or not.
+/// Whether a script runs a command: a line of it ends in these words, whatever feature of cargo it names besides, and optimised or not; of
+/// `cargo run`, the program that tests have built will do.
 pub fn runs(script: &str, command: &str) -> bool {
     let plain = |line: &str| {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -98,7 +99,9 @@ pub fn runs(script: &str, command: &str) -> bool {
         (0..words.len()).filter(is_kept).map(|place| words[place]).collect::<Vec<_>>().join(" ")
     };
     let command = plain(command);
-    script.lines().any(|line| !line.trim_start().starts_with('#') && plain(line).ends_with(&command))
+    let built = command.replace("cargo run --", "/debug/abbe");
+    let is_it = |line: &str| line.ends_with(&command) || line.ends_with(&built);
+    script.lines().any(|line| !line.trim_start().starts_with('#') && is_it(&plain(line).replace('"', "")))
 }
 
 #[cfg(test)]
@@ -147,6 +150,8 @@ mod tests {
         assert!(runs("  cargo run --features opcua -- demo\n", "cargo run -- demo"));
         assert!(!runs("  cargo run --features opcua -- demo --fast\n", "cargo run -- demo"));
         assert!(runs("  cargo run -- demo\n", "cargo run --release -- demo"));
+        assert!(runs("step 'main job' \"$folder/debug/abbe\" demo\n", "cargo run --release -- demo"));
+        assert!(!runs("\"$folder/debug/abbe\" demo --fast\n", "cargo run --release -- demo"));
     }
 
     #[test]
