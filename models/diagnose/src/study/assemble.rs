@@ -23,6 +23,7 @@ use super::view::View;
 use super::waves::tell_aliases;
 use crate::error::DiagnoseError;
 use crate::linear::{column, in_the_worst_way};
+use abbe_geometry::unseen_expansion::UnseenExpansion;
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -84,8 +85,9 @@ pub(super) fn diagnose(
     let instead = |candidate| instead(&view, &last, &effects, candidate);
     let is_kept = |row| !left_out.contains(&row);
     let open = Open { found: &found.set, is_kept: &is_kept, known: &known, instead: &instead, values: &values };
-    let doubts = Doubts { absorbed: absorbed(&view, &last, &open), ..doubts };
-    let terms = with_deviations(terms(&*view.study, &last, &u, &doubts, &open), &view, &last);
+    let expansions = view.study.unseen_expansions(&open);
+    let doubts = Doubts { absorbed: absorbed(&view, &last, &expansions), ..doubts };
+    let terms = with_deviations(terms(&*view.study, &last, &u, &doubts, (&open, expansions)), &view, &last);
     effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
     looked.extend(unconfirmed);
@@ -211,8 +213,8 @@ fn instead(view: &View, fit: &Fit, effects: &[Effect], candidate: usize) -> Opti
 }
 
 /// What the parameters of a fit take of each expansion that the data leave open: by how much they may be off together.
-fn absorbed(view: &View, fit: &Fit, open: &Open) -> Vec<Vec<Vec<f64>>> {
-    let columns = view.study.unseen_columns(&view.study.unseen_expansions(open));
+fn absorbed(view: &View, fit: &Fit, unseen: &[UnseenExpansion]) -> Vec<Vec<Vec<f64>>> {
+    let columns = view.study.unseen_columns(unseen);
     if columns.ncols() == 0 {
         return Vec::new();
     }

@@ -78,8 +78,15 @@ struct Value {
     beside: f64,
 }
 
-/// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be, `open` what tells of the rest.
-pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubts, open: &Open) -> Terms {
+/// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be, `open` what tells of the rest,
+/// `unseen` the expansions that it leaves open.
+pub(super) fn terms(
+    study: &dyn Study,
+    fit: &Fit,
+    u: &[Vec<f64>],
+    doubts: &Doubts,
+    (open, unseen): (&Open, Vec<UnseenExpansion>),
+) -> Terms {
     let mut terms = Terms { readings_m: study.readings_m(), apart: study.apart(), ..Terms::default() };
     // The uncertainties reported hold more than the fit's own: correlations keep, deviations grow.
     let wider = |(a, i): (usize, usize)| {
@@ -134,7 +141,7 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
         }
     }
     if !terms.list.is_empty() {
-        terms.unseen_expansions = study.unseen_expansions(open);
+        terms.unseen_expansions = unseen;
     }
     // Where nothing was found there is no model to be told it.
     let untold = if terms.list.is_empty() { Vec::new() } else { study.untold(open) };
