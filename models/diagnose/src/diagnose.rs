@@ -26,7 +26,8 @@ use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::{has, is_of};
 use crate::search::{Search, State};
 use crate::step::{Addition, HELD, Step, added};
-use crate::wander::{self, Wander};
+use crate::wander::{Slow, Wander};
+use crate::wandering;
 use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
 use abbe_geometry::machine::Machine;
@@ -99,7 +100,9 @@ pub fn diagnose(
             if !is_outdone {
                 withdrawn = added;
             }
-            ended = plain;
+            // What goes may have been a slow change, and that is there without it.
+            let model = ended.slow.told(plain.model.clone()).map_err(IdentifyError::from)?;
+            ended = Ended { model, ..plain };
             judged =
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
         }
@@ -112,6 +115,7 @@ pub fn diagnose(
         machine_step,
         wander,
         may_wander,
+        slow,
         zeros,
         late,
         left: detection_after,
@@ -155,6 +159,7 @@ pub fn diagnose(
             .chain(machine_step.as_ref().map(MachineStep::words))
             .chain(wander.as_ref().map(Wander::words))
             .chain(may_wander.as_ref().map(Wander::words_of_doubt))
+            .chain(slow.words())
             .chain(zeros.iter().map(ZeroOfScale::words))
             .collect(),
         rejected_lines,
@@ -169,6 +174,7 @@ pub fn diagnose(
         machine_step,
         wander,
         may_wander,
+        slow,
         late,
         clock,
         set_aside,
@@ -196,6 +202,7 @@ struct Ended<'a> {
     machine_step: Option<MachineStep>,
     wander: Option<Wander>,
     may_wander: Option<Wander>,
+    slow: Slow,
     zeros: Vec<ZeroOfScale>,
     late: Option<Late>,
     /// What the residual says beside all that was found.
@@ -226,27 +233,33 @@ impl<'a> Ended<'a> {
         let (wander, widening) = match machine_step {
             // Its courses would describe the step.
             Some(_) => (None, None),
-            None => wandering(search, state, (start, base), observe)?,
+            None => wandering::both(search, state, (start, base), observe)?,
         };
         let may_wander = widening.clone().filter(|_| wander.is_none());
         let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
         let is_found = |fitted: &FittedEffect| !is_of(base, fitted);
         let found = state.fit.model.parts().effects.iter().filter(|fitted| is_found(fitted));
         let late = Late::of(found, &state.round, campaign)?;
+        let without = competing::without_each(search, state, base, observe)?;
+        // What is only a course in time corrects nothing, and a step is no slow change.
+        let may_be_slow =
+            |fitted: &FittedEffect| machine_step.is_none() && !is_course_beside(base, fitted, search.campaign);
+        let slow = Slow::of((search, state), &without, &may_be_slow, observe)?;
         let widened = |model: MachineModel| {
             let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
+            let model = slow.told(model)?;
             let model = state.open_waves.iter().try_fold(model, |model, wave| wave.told(model))?;
             let model = zeros.iter().try_fold(model, |model, zero| zero.told(model))?;
             late.as_ref().map_or(Ok(model.clone()), |late| late.told(model))
         };
         let left = noise::detect(&state.round, campaign, &state.fit.evidence);
-        let without = competing::without_each(search, state, base, observe)?;
         let sized = widened(state.fit.model.clone()).map_err(IdentifyError::from)?;
         let mut kinds = kind::judged(search, state, (&sized, &is_found), &without, &left)?;
         // A step that explains more than all of them: none is the cause.
         if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
             kinds.iter_mut().for_each(|own| own.kind = Explanation::Empirical);
         }
+        kinds.iter_mut().filter(|own| slow.outdoes(&own.fitted)).for_each(|own| own.kind = Explanation::Empirical);
         let bumps: Vec<EffectTerm> =
             kinds.iter().filter(|own| own.is_bump()).map(|own| EffectTerm::of(&own.fitted)).collect();
         let is_bump = |fitted: &FittedEffect| is_of(&bumps, fitted);
@@ -272,6 +285,7 @@ impl<'a> Ended<'a> {
             machine_step,
             wander,
             may_wander,
+            slow,
             zeros,
             late,
             left,
@@ -320,39 +334,6 @@ fn open_expansions(search: &Search, (start, fit): (&Identified, &Identified), ba
         });
     }
     all
-}
-
-/// What the machine does in a course that no effect describes: what is said of it, and what stands in the uncertainty. An effect that is only
-/// a course in time corrects nothing, so that what it describes belongs there as well. Where nothing else was found, so does what the fit that the
-/// search began with shows: noise that hangs together explains a slow change as well as the machine does, and nobody knows which it is.
-fn wandering(
-    search: &Search,
-    state: &State,
-    (start, base): (&Identified, &[EffectTerm]),
-    observe: &mut dyn FnMut(Progress) -> bool,
-) -> Result<(Option<Wander>, Option<Wander>), DiagnoseError> {
-    let find = |fit: &Identified, round: &Round, observe: &mut dyn FnMut(Progress) -> bool| {
-        let mut go_on = || observe(Progress::Scoring { round: 1, effects: state.terms.len() });
-        wander::find((&fit.model, round), search.campaign, &search.context, search.options, &mut go_on)
-    };
-    let said = find(&state.fit, &state.round, observe)?;
-    let is_course = |fitted: &&FittedEffect| is_course_beside(base, fitted, search.campaign);
-    let effects = &state.fit.model.parts().effects;
-    let kept: Vec<EffectTerm> = effects.iter().filter(|fitted| !is_course(fitted)).map(EffectTerm::of).collect();
-    let or_at_the_start = |found: Option<Wander>| match found {
-        None if kept.iter().all(|term| has(base, term)) => wander::in_time(start, search.instrument, search.campaign),
-        found => Ok(found),
-    };
-    if kept.len() == effects.len() {
-        return Ok((said.clone(), or_at_the_start(said)?));
-    }
-    match search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? {
-        Ok((fit, round)) => {
-            let without = find(&fit, &round, observe)?;
-            Ok((said.or_else(|| without.clone()), or_at_the_start(without)?))
-        }
-        Err(_) => Ok((said.clone(), or_at_the_start(said)?)),
-    }
 }
 
 /// A step of the machine, in place of all that the search found or beside it.
@@ -473,7 +454,7 @@ fn found<'a>(
 }
 
 /// Whether a term that is none of these is only a course in time.
-fn is_course_beside(base: &[EffectTerm], fitted: &FittedEffect, campaign: &Campaign) -> bool {
+pub(crate) fn is_course_beside(base: &[EffectTerm], fitted: &FittedEffect, campaign: &Campaign) -> bool {
     !is_of(base, fitted) && tomorrow::is_course(fitted, campaign)
 }
 

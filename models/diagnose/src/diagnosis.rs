@@ -9,7 +9,7 @@ use crate::judge::{Blocked, Placebo, Unseen};
 use crate::late::Late;
 use crate::machine_step::MachineStep;
 use crate::noise::Detection;
-use crate::wander::Wander;
+use crate::wander::{Slow, Wander};
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Identified;
@@ -46,6 +46,8 @@ pub struct Diagnosis {
     /// Where nothing was found: what the fit that it began with shows of such changes if all noise is of single readings. It stands in the
     /// uncertainty, and may be noise that hangs together.
     pub may_wander: Option<Wander>,
+    /// Slow changes that no log follows, in the place of what was found.
+    pub slow: Slow,
     /// What the last lines are off by, after which nothing was measured.
     pub late: Option<Late>,
     /// A log that goes by another clock than the readings: what follows it was set aside.

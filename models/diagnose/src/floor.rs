@@ -14,6 +14,7 @@
 use crate::candidates::Round;
 use crate::error::DiagnoseError;
 use crate::judge;
+use crate::options::DiagnoseOptions;
 use crate::paired::untouched;
 use crate::wander::{self, Wander};
 use abbe_geometry::model::MachineModel;
@@ -50,7 +51,7 @@ pub fn with_left_out(
         model =
             model.with_unexplained(std::array::from_fn(|d| own_m[d].max(left_m[d]))).map_err(IdentifyError::from)?;
     }
-    let wander = wander::in_time(fit, instrument, campaign)?;
+    let wander = wander::in_time(fit, instrument, campaign, DiagnoseOptions::default().significance)?;
     if let Some(wander) = &wander {
         model = wander.told(model).map_err(IdentifyError::from)?;
     }

@@ -113,6 +113,7 @@ mod together;
 mod tomorrow;
 mod wald;
 mod wander;
+mod wandering;
 mod within_stations;
 mod worth;
 mod zero_of_scale;
@@ -133,7 +134,7 @@ pub use noise::{Detection, Group, Structure};
 pub use options::{DiagnoseOptions, Progress};
 pub use pass::{Scored, score_pass};
 pub use still::Departure;
-pub use wander::Wander;
+pub use wander::{Slow, Wander};
 
 #[cfg(test)]
 mod tests;

@@ -118,7 +118,7 @@ fn nothing(count: usize) -> Score {
     Score { reduction: 0.0, degrees: 0, p_value: 1.0, gain: 0.0, alias_share: 1.0, estimate: vec![0.0; count] }
 }
 
-fn inverse_root(value: f64) -> f64 {
+pub(crate) fn inverse_root(value: f64) -> f64 {
     if value > 0.0 { value.sqrt().recip() } else { 0.0 }
 }
 

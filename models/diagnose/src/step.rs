@@ -5,10 +5,11 @@
 use crate::aliased_period::Period;
 use crate::candidates::Candidate;
 use crate::competing::DESCRIPTION;
+use crate::context::takes_its_time;
 use crate::diagnose::named;
 use crate::diagnosis::SetAside;
 use crate::gate::Verdict;
-use crate::same_claim::{has, read_the_same};
+use crate::same_claim::{has, is_variant, read_the_same};
 use crate::search::State;
 use abbe_geometry::effects::known;
 use abbe_identify::EffectTerm;
@@ -128,6 +129,15 @@ impl State<'_> {
         self.steps.iter().filter_map(move |step| match step {
             Step::Added { term, candidate, .. } if has(&self.terms, term) => Some((term, candidate.evidence(rows))),
             _ => None,
+        })
+    }
+
+    /// Whether the search refused a course in time and did not let in another form of it: all that is slow looks the same, but it is there. What
+    /// was too costly has its own place in the uncertainty.
+    pub(crate) fn has_course_set_aside(&self) -> bool {
+        let is_in = |term: &EffectTerm| self.terms.iter().any(|own| is_variant(own, term));
+        self.steps.iter().any(|step| {
+            matches!(step, Step::SetAside { term, is_costly: false, .. } if takes_its_time(term) && !is_in(term))
         })
     }
 

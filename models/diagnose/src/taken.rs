@@ -7,7 +7,7 @@
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::{MachineModel, packed};
 use abbe_identify::Rows;
-use faer::Mat;
+use faer::{Mat, Scale};
 
 /// Parameters of a fit, and the covariance of what they took.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,6 +20,11 @@ impl Taken {
     /// Of the fit of a model to rows.
     pub(crate) fn new(model: &MachineModel, rows: &Rows, covariance: Mat<f64>) -> Taken {
         Taken { parameters: rows.parameters.iter().map(|place| Parameter::at(model, *place)).collect(), covariance }
+    }
+
+    /// A share of it.
+    pub(crate) fn scaled(&self, share: f64) -> Taken {
+        Taken { parameters: self.parameters.clone(), covariance: Scale(share) * &self.covariance }
     }
 
     /// Adds it to a packed covariance of this model.

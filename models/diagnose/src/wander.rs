@@ -31,9 +31,14 @@ use abbe_measurement::subset::spread;
 use faer::Mat;
 
 mod cycles;
+mod instead;
+
+pub use instead::Slow;
 
 /// Half cycles of a course in time.
 const HALF_CYCLES: usize = 8;
+/// Shares of the campaign in which what comes to rest does so.
+const RESTS_IN: [f64; 2] = [0.15, 0.5];
 /// Probability below which they are all alike: a difference to one half that a number still holds.
 const LEAST_P: f64 = 1e-15;
 /// Eigenvalue, as a share of the largest, from which a direction is seen.
@@ -46,6 +51,10 @@ const FEWEST_DEGREES: f64 = 50.0;
 const MANY: usize = 6000;
 /// χ² per degree of freedom from which a residual tells by itself that the model lacks something.
 const TOLD_BY_RESIDUAL: f64 = 1.5;
+/// Where the square of each coordinate stands among the forms.
+const SQUARES: [usize; 3] = [4, 7, 9];
+/// Size that readers are told (m).
+const SMALLEST_M: f64 = 5e-9;
 /// Axes as readers know them.
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// ln σ²λ over the noise between which the estimate lies, λ the largest.
@@ -65,6 +74,8 @@ pub struct Wander {
     /// The same at every place.
     by_place: VarianceByPlace,
     taken: Taken,
+    /// Whether it is the likeliest size of a course in time that was set aside, whatever chance says.
+    is_set_aside: bool,
 }
 
 impl Wander {
@@ -86,15 +97,26 @@ impl Wander {
         self.size_m.map(|m| format!("{:.2}", m * 1e6))
     }
 
-    /// The same where noise that hangs together explains it as well.
+    /// The same where noise that hangs together explains it as well, or where it was asked for alone.
     pub fn words_of_doubt(&self) -> String {
         let [x, y, z] = self.sizes_um();
+        if self.is_set_aside {
+            return format!(
+                "A course in time was set aside, since whatever is slow looks the same. Taken as a motion of the tip, it is {x}, {y} and {z} µm along \
+                 X, Y and Z (rms over the readings). That stands in U."
+            );
+        }
         format!(
             "If all noise is of single readings, scales, angles or bows of the machine change in the course of the campaign (p = {:.1e}): the tip \
              wanders by {x}, {y} and {z} µm along X, Y and Z (rms over the readings). Noise that neighbouring readings share explains it as well. It \
              stands in U.",
             self.p_value
         )
+    }
+
+    /// The same of a course in time that was set aside; `None` where nothing of it shows.
+    pub(crate) fn of_what_was_set_aside(self) -> Option<Wander> {
+        self.size_m.iter().any(|size_m| *size_m > SMALLEST_M).then_some(Wander { is_set_aside: true, ..self })
     }
 
     /// The same for an identification, which looks for no cause.
@@ -120,7 +142,7 @@ pub(crate) fn find(
     options: &DiagnoseOptions,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Wander>, DiagnoseError> {
-    let seen = Seen::of(round, campaign);
+    let seen = Seen::of(round, campaign, Span::of(campaign));
     let mut looks: Vec<Tested> = Vec::new();
     let cycle = cycles::strongest(round, &seen.places, campaign, &seen.used);
     let slow = courses(campaign, context, &seen.used).into_iter().map(|course| (course, Motions::each(&seen.places)));
@@ -137,23 +159,24 @@ pub(crate) fn find(
 }
 
 /// The same of a fit that seems to explain its readings, and of what goes slowly with time alone, with all noise taken to be of single readings.
-/// `None` also where the residual says already that the model lacks something: what that does slowly is as uncertain as all else of it.
+/// `None` also where the residual says already that the model lacks something: what that does slowly is as uncertain as all else of it. Up
+/// to `significance` it is no chance; 1 asks for its likeliest size, where it is known to be there.
 pub(crate) fn in_time(
     fit: &Identified,
     instrument: RangeUncertainty,
     campaign: &Campaign,
+    significance: f64,
 ) -> Result<Option<Wander>, DiagnoseError> {
     if fit.evidence.chi2_per_dof > TOLD_BY_RESIDUAL {
         return Ok(None);
     }
+    let span = Span::of(campaign);
     let part = spread(campaign.readings.len(), MANY);
     let (fit, campaign) = (&fit.of_readings(&part), &campaign.part(&part));
     let round = Round::new(fit, instrument, campaign)?;
-    let seen = Seen::of(&round, campaign);
-    let course = in_course_of_time(campaign, &seen.used);
-    let sets = Motions::each(&seen.places).into_iter().chain(Motions::families(&seen.places));
-    let looks: Vec<Tested> = sets.filter_map(|motions| seen.look(motions, &course).tested()).collect();
-    Ok(seen.wander(&fit.model, campaign, &looks, DiagnoseOptions::default().significance))
+    let seen = Seen::of(&round, campaign, span);
+    let looks = seen.in_course(&in_course_of_time(campaign, &seen.used));
+    Ok(seen.wander(&fit.model, campaign, &looks, significance))
 }
 
 /// Rows of a fit, those used, and where the machine stood.
@@ -164,10 +187,19 @@ struct Seen<'s> {
 }
 
 impl<'s> Seen<'s> {
-    fn of(round: &'s Round<'s>, campaign: &Campaign) -> Seen<'s> {
+    fn of(round: &'s Round<'s>, campaign: &Campaign, span: Span) -> Seen<'s> {
         let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
-        let places = Places::of(campaign, &used);
-        Seen { round, used, places }
+        Seen { round, used, places: Places::of(campaign, span) }
+    }
+
+    /// Each motion, and each family of them, in this course.
+    fn in_course(&self, course: &Course) -> Vec<Tested<'_>> {
+        let sets = Motions::each(&self.places).into_iter().chain(Motions::families(&self.places));
+        self.of_sets(sets, course)
+    }
+
+    fn of_sets(&self, sets: impl IntoIterator<Item = Motions>, course: &Course) -> Vec<Tested<'_>> {
+        sets.into_iter().filter_map(|motions| self.look(motions, course).tested()).collect()
     }
 
     fn look(&self, motions: Motions, course: &Course) -> Look<'_> {
@@ -179,9 +211,9 @@ impl<'s> Seen<'s> {
         let p_value =
             together(looks.iter().filter(|tested| tested.look.motions.is_family()).map(|tested| tested.p_value));
         let said = looks.iter().filter(|tested| !tested.look.is_slow_and_alone());
-        let likeliest = said.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|_| p_value < significance)?;
+        let likeliest = said.max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|_| p_value <= significance)?;
         let rows = &self.round.rows;
-        let (by_place, taken) = by_place_and_taken(looks, &self.places, rows.parameters.len());
+        let (by_place, taken) = by_place_and_taken(&weighed(looks), &self.places, rows.parameters.len());
         Some(Wander {
             follows: likeliest.look.course.follows.clone(),
             moves: likeliest.look.motions.alone(),
@@ -189,6 +221,7 @@ impl<'s> Seen<'s> {
             size_m: rms_m(&by_place, campaign, &self.used),
             by_place,
             taken: Taken::new(model, rows, taken),
+            is_set_aside: false,
         })
     }
 }
@@ -210,10 +243,10 @@ fn weighed<'t>(looks: &'t [Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
 
 /// Mean square over the campaign of what is known of the motion, and of what is not, at every place; and the covariance of what the
 /// parameters of the fit took of it for their own.
-fn by_place_and_taken(looks: &[Tested], places: &Places, parameters: usize) -> (VarianceByPlace, Mat<f64>) {
+fn by_place_and_taken(looks: &[(&Tested, f64)], places: &Places, parameters: usize) -> (VarianceByPlace, Mat<f64>) {
     let mut packed_m2 = [(); 3].map(|()| vec![0.0; FORMS * (FORMS + 1) / 2]);
     let mut taken = Mat::zeros(parameters, parameters);
-    for (tested, weight) in weighed(looks) {
+    for (tested, weight) in looks.iter().copied() {
         let root = tested.moment_root();
         tested.visit_forms(&root, &mut |d, place, m2| packed_m2[d][place] += weight * m2);
         let reach = tested.look.round.linear.reach(tested.look.columns().as_ref()) * &root;
@@ -246,19 +279,35 @@ struct Course {
     returns: bool,
 }
 
-/// What is slow, whatever it is. Without times the order has to do.
-fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
+/// Share of the campaign that has passed at each reading. Without times the order has to do.
+fn passed(campaign: &Campaign, used: &[usize]) -> Vec<f64> {
     let readings = &campaign.readings;
     let (first_s, last_s) = range(used.iter().map(|k| readings[*k].time_s));
-    let along = |k: usize| match last_s > first_s {
+    let of = |k: usize| match last_s > first_s {
         true => (readings[k].time_s - first_s) / (last_s - first_s),
         false => k as f64 / readings.len() as f64,
     };
+    (0..readings.len()).map(of).collect()
+}
+
+/// What is slow, whatever it is.
+fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
+    let passed = passed(campaign, used);
     let wave = |halves: usize| {
-        let phase = |k: usize| std::f64::consts::PI * halves as f64 * along(k);
-        about_mean((0..readings.len()).map(|k| phase(k).cos() / halves as f64).collect(), used)
+        let of = |passed: &f64| (std::f64::consts::PI * halves as f64 * passed).cos() / halves as f64;
+        about_mean(passed.iter().map(of).collect(), used)
     };
     Course { follows: TIME.to_owned(), parts: (1..=HALF_CYCLES).map(wave).collect(), tried: 1.0, returns: false }
+}
+
+/// What goes on evenly, and what comes to rest: in such a share of the campaign all but a third is done.
+fn steady_courses(campaign: &Campaign, used: &[usize]) -> Vec<Course> {
+    let passed = passed(campaign, used);
+    let evenly = passed.clone();
+    let resting = RESTS_IN.map(|share| passed.iter().map(|passed| -(-passed / share).exp_m1()).collect());
+    let of =
+        |values| Course { follows: TIME.to_owned(), parts: vec![about_mean(values, used)], tried: 1.0, returns: false };
+    std::iter::once(evenly).chain(resting).map(of).collect()
 }
 
 /// Courses that are slow, or were logged.
@@ -307,6 +356,16 @@ impl Motions {
         Motions::quadratic(places).0.into_iter().map(|motion| Motions(vec![motion])).collect()
     }
 
+    /// Along each axis what goes with one coordinate: shift, tilt and bow.
+    fn bows(places: &Places) -> Vec<Motions> {
+        let all = Motions::quadratic(places).0;
+        let is_of = |form: usize, by: usize| form == 0 || form == 1 + by || form == SQUARES[by];
+        let one = |(d, by): (usize, usize)| {
+            Motions(all.iter().copied().filter(|motion| motion.0 == d && is_of(motion.1, by)).collect())
+        };
+        (0..3).flat_map(|d| (0..3).map(move |by| (d, by))).map(one).collect()
+    }
+
     /// Each shift, stretch and angle by itself; all motions of one axis.
     fn sets(places: &Places) -> Vec<Motions> {
         let each =
@@ -346,6 +405,25 @@ impl Motions {
     }
 }
 
+/// Where a campaign has moved the machine: the same for all fits of it, whichever readings they reject, so that what they tell can be added.
+/// Readings outside the strokes were refused.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    middle_m: [f64; 3],
+    half_m: [f64; 3],
+}
+
+impl Span {
+    /// Of all readings. Along an axis that was not moved, the longest span stands in.
+    fn of(campaign: &Campaign) -> Span {
+        let ends: [(f64, f64); 3] = std::array::from_fn(|d| range(campaign.readings.iter().map(|r| r.reading_m[d])));
+        let middle_m = ends.map(|(low, high)| f64::midpoint(low, high));
+        let longest_m = ends.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
+        let half_m = ends.map(|(low, high)| if high > low { 0.5 * (high - low) } else { 0.5 * longest_m });
+        Span { middle_m, half_m }
+    }
+}
+
 /// Where the machine stood at each reading.
 struct Places {
     middle_m: [f64; 3],
@@ -354,13 +432,7 @@ struct Places {
 }
 
 impl Places {
-    /// Of all readings, with middle and span of those used. Along an axis that was not moved, the longest span stands in.
-    fn of(campaign: &Campaign, used: &[usize]) -> Places {
-        let ends = |d: usize| range(used.iter().map(|k| campaign.readings[*k].reading_m[d]));
-        let ends: [(f64, f64); 3] = std::array::from_fn(ends);
-        let middle_m = ends.map(|(low, high)| f64::midpoint(low, high));
-        let longest_m = ends.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
-        let half_span_m = ends.map(|(low, high)| if high > low { 0.5 * (high - low) } else { 0.5 * longest_m });
+    fn of(campaign: &Campaign, Span { middle_m, half_m: half_span_m }: Span) -> Places {
         let forms = campaign.readings.iter().map(|r| VarianceByPlace::forms(middle_m, half_span_m, r.reading_m));
         Places { middle_m, half_span_m, forms: forms.collect() }
     }

@@ -49,6 +49,20 @@ impl VarianceByPlace {
         })
     }
 
+    /// A share of it, or a multiple.
+    #[must_use]
+    pub fn scaled(&self, by: f64) -> VarianceByPlace {
+        let packed_m2 = std::array::from_fn(|d| self.packed_m2[d].iter().map(|m2| by * m2).collect());
+        VarianceByPlace { packed_m2, ..self.clone() }
+    }
+
+    /// The sum with another variance about the same middle, of independent motions; `None` where the middle or the span is another.
+    pub fn with(&self, other: &VarianceByPlace) -> Option<VarianceByPlace> {
+        let is_alike = self.middle_m == other.middle_m && self.half_span_m == other.half_span_m;
+        let sum = |d: usize| self.packed_m2[d].iter().zip(&other.packed_m2[d]).map(|(a, b)| a + b).collect();
+        is_alike.then(|| VarianceByPlace { packed_m2: std::array::from_fn(sum), ..self.clone() })
+    }
+
     /// Refuses what is no variance.
     pub(crate) fn check(&self) -> Result<(), ModelError> {
         let refused = |what| Err(ModelError::ByPlace { what });
@@ -99,6 +113,14 @@ mod tests {
         let [x, y, z] = by_place.at_m2([1.0, -7.0, 3.0]);
         assert!(x == 0.0 && z == 0.0 && (y - 9e-12).abs() < 1e-24);
         assert!((by_place.at_m2([0.0, 0.0, 3.0])[1] - 1e-12).abs() < 1e-24);
+    }
+
+    #[test]
+    fn independent_motions_about_one_middle_add_up() {
+        let (one, at_m) = (example(), [0.9, -0.4, 2.2]);
+        let both = one.with(&one).unwrap();
+        assert_eq!(both.at_m2(at_m), one.at_m2(at_m).map(|m2| 2.0 * m2));
+        assert_eq!(one.with(&VarianceByPlace { middle_m: [0.5, 0.0, 1.1], ..one.clone() }), None);
     }
 
     #[test]

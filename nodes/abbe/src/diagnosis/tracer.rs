@@ -104,7 +104,9 @@ impl Given {
     /// Whether the model that came out is the one that went in: the same structure from the same data.
     fn is_kept(&self, diagnosis: &Diagnosis, loaded: &LoadedCampaign) -> bool {
         let same_data = matches!(self.file.data.as_slice(), [only] if only.sha256 == loaded.source.sha256);
+        let holds_slow = diagnosis.may_wander.is_none() || self.file.model.parts().quality.wanders.is_some();
         let nothing_new = diagnosis.found.is_empty()
+            && holds_slow
             && !diagnosis.enriched
             && diagnosis.after.correlation.is_none()
             && diagnosis.machine_step.is_none()
@@ -143,6 +145,11 @@ fn wandered(diagnosis: &Diagnosis) -> Option<String> {
 /// That it may wander, where noise explains that as well.
 fn may_wander(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.may_wander.as_ref().map(Wander::words_of_doubt)
+}
+
+/// That what was found may be slow.
+fn may_be_slow(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.slow.words()
 }
 
 /// That the last lines are off, and nothing was measured after them.
@@ -244,8 +251,10 @@ pub(crate) fn run(
     }
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
-    let changed: Vec<String> =
-        [stepped, out_of_time, wandered, may_wander, late].into_iter().filter_map(|said| said(&diagnosis)).collect();
+    let changed: Vec<String> = [stepped, out_of_time, wandered, may_wander, may_be_slow, late]
+        .into_iter()
+        .filter_map(|said| said(&diagnosis))
+        .collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
@@ -373,6 +382,7 @@ fn recorded(
         hidden,
         wandered(diagnosis),
         may_wander(diagnosis),
+        may_be_slow(diagnosis),
         late(diagnosis),
     ];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
