@@ -26,6 +26,7 @@ use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::{has, is_of};
 use crate::search::{Search, State};
 use crate::step::{Addition, HELD, Step, added};
+use crate::tomorrow::is_course_beside;
 use crate::wander::{Slow, Wander};
 use crate::wandering;
 use crate::zero_of_scale::ZeroOfScale;
@@ -453,11 +454,6 @@ fn found<'a>(
         .collect()
 }
 
-/// Whether a term that is none of these is only a course in time.
-pub(crate) fn is_course_beside(base: &[EffectTerm], fitted: &FittedEffect, campaign: &Campaign) -> bool {
-    !is_of(base, fitted) && tomorrow::is_course(fitted, campaign)
-}
-
 fn one(
     search: &Search,
     state: &State,
@@ -513,17 +509,6 @@ fn size_m(round: &Round, fitted: &FittedEffect) -> Result<f64, DiagnoseError> {
 /// Rms of the declared uncertainties (m): turns whitened figures into metres.
 fn typical_u_m(fit: &Identified) -> f64 {
     (fit.u_m.iter().map(|u| u * u).sum::<f64>() / fit.u_m.len().max(1) as f64).sqrt()
-}
-
-/// A name with what the shape says of axis and sensor: `backlash (axis y, over x)`.
-pub(crate) fn named(name: &str, shape: &abbe_geometry::effects::Shape) -> String {
-    use abbe_geometry::effects::ShapeValue;
-    let word = |(key, value): (&String, &ShapeValue)| match value {
-        ShapeValue::Text(text) => Some(format!("{key} {text}")),
-        ShapeValue::Number(_) | ShapeValue::Numbers(_) | ShapeValue::Texts(_) => None,
-    };
-    let words: Vec<String> = shape.0.iter().filter_map(word).collect();
-    if words.is_empty() { name.to_owned() } else { format!("{name} ({})", words.join(", ")) }
 }
 
 fn next_measurements(

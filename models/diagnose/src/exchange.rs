@@ -7,9 +7,9 @@
 
 use crate::candidates::{Candidate, proposals, score_all};
 use crate::competing::is_of_its_kind;
-use crate::diagnose::named;
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
+use crate::named::named;
 use crate::options::Progress;
 use crate::same_claim::has;
 use crate::search::{Search, State};

@@ -88,6 +88,7 @@ pub mod linear;
 mod logs;
 mod look;
 mod machine_step;
+mod named;
 mod noise;
 mod options;
 mod order;

@@ -15,6 +15,7 @@ use crate::candidates::Round;
 use crate::context::{follows_time, in_turn, range, read_by};
 use crate::gate;
 use crate::linear::Linear;
+use crate::same_claim::is_of;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, Ray, ShapeValue, Sight, State, of_lagged};
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_geometry::{Axis, Vector3};
@@ -120,6 +121,11 @@ pub(crate) fn is_course(fitted: &FittedEffect, campaign: &Campaign) -> bool {
     has_no_name(fitted)
         && (follows_time(fitted.effect.as_ref(), &fitted.shape)
             || reads().iter().any(|name| goes_along_with_time(campaign, name)))
+}
+
+/// Whether a term that is none of these is only a course in time.
+pub(crate) fn is_course_beside(base: &[EffectTerm], fitted: &FittedEffect, campaign: &Campaign) -> bool {
+    !is_of(base, fitted) && is_course(fitted, campaign)
 }
 
 /// Whether a growth that comes to rest did most of it while nothing was measured, overnight or while the tracer was moved: a step would leave

@@ -3,11 +3,11 @@
 //! Place in the flow: near the end of [`crate::diagnose()`], on what the search ended with; [`crate::wander`] looks.
 
 use crate::candidates::Round;
-use crate::diagnose::is_course_beside;
 use crate::error::DiagnoseError;
 use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::has;
 use crate::search::{Search, State};
+use crate::tomorrow::is_course_beside;
 use crate::wander::{self, Wander};
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified};

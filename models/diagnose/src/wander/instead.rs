@@ -17,9 +17,9 @@ use super::{
 };
 use crate::candidates::{Candidate, Round, proposals};
 use crate::competing::Without;
-use crate::diagnose::named;
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
+use crate::named::named;
 use crate::options::Progress;
 use crate::same_claim::is_of;
 use crate::score::{golden_section, inverse_root};
@@ -75,9 +75,12 @@ impl Slow {
         self.0.iter().any(|own| own.share > 0.5 && is_of(std::slice::from_ref(&own.term), fitted))
     }
 
-    /// A model with it in the uncertainty, whichever effects it has.
+    /// A model with it in the uncertainty, whichever effects it has. A course takes the place of one effect at a time: together they have a share of
+    /// one at most.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        self.0.iter().filter(|own| own.share > LEAST_SHARE).try_fold(model, |model, own| own.told(model))
+        let told = || self.0.iter().filter(|own| own.share > LEAST_SHARE);
+        let together = told().map(|own| own.share).sum::<f64>().max(1.0);
+        told().try_fold(model, |model, own| own.told(own.share / together, model))
     }
 
     /// Of which effects nobody knows whether they are a slow change, for readers; `None` without any.
@@ -127,14 +130,14 @@ impl Instead {
         Ok(Some(Instead { term, title: candidate.known.title, share, by_place, taken }))
     }
 
-    fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
+    fn told(&self, share: f64, model: MachineModel) -> Result<MachineModel, ModelError> {
         let mut parts = model.parts().clone();
-        let own = self.by_place.scaled(self.share);
+        let own = self.by_place.scaled(share);
         parts.quality.wanders = match &parts.quality.wanders {
             Some(other) => Some(other.with(&own).ok_or(ModelError::ByPlace { what: "two are of other places" })?),
             None => Some(own),
         };
-        self.taken.scaled(self.share).add(&model, &mut parts.covariance);
+        self.taken.scaled(share).add(&model, &mut parts.covariance);
         MachineModel::new(parts)
     }
 
