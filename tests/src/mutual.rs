@@ -9,9 +9,8 @@ use crate::source::Source;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pairs that there are, as crate, file, file and why: no others may come, and one that is gone leaves the list.
-pub const THERE_ARE: [(&str, &str, &str, &str); 22] = [
+pub const THERE_ARE: [(&str, &str, &str, &str); 21] = [
     ("models/diagnose", "context", "lags", "what varies names what lags, which is looked for in what varies"),
-    ("models/diagnose", "diagnose", "step", "a step has words of the diagnosis that takes it"),
     ("models/diagnose", "diagnose", "together", "the diagnosis adds pairs, which are told by its own measure"),
     ("models/diagnose", "exchange", "search", "a search exchanges what it found, by searches of its own"),
     ("models/diagnose", "search", "serial", "a search tries what goes on serially, by its own rounds"),
