@@ -127,10 +127,7 @@ impl Wander {
 
     /// The model with it in the uncertainty of all that it corrects, whichever effects it has.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let mut parts = model.parts().clone();
-        parts.quality.wanders = Some(self.by_place.clone());
-        self.taken.add(&model, &mut parts.covariance);
-        MachineModel::new(parts)
+        told(model, self.by_place.clone(), &self.taken)
     }
 }
 
@@ -231,14 +228,31 @@ impl<'s> Seen<'s> {
 /// another motion at another time, which families hold, and one motion alone is more than its share of a family.
 fn weighed<'t>(looks: &'t [Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
     let (alone, mean): (Vec<&Tested>, Vec<&Tested>) = looks.iter().partition(|tested| tested.look.is_slow_and_alone());
-    let by_likelihood = |of: Vec<&'t Tested<'t>>| {
-        let most = of.iter().map(|tested| tested.gain).fold(0.0, f64::max);
-        let weights = of.into_iter().map(|tested| (tested, (tested.gain - most).exp()));
-        let kept: Vec<(&Tested, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
-        let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
-        kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect::<Vec<(&Tested, f64)>>()
+    let weighed = |of: Vec<&'t Tested<'t>>| {
+        let gains: Vec<f64> = of.iter().map(|tested| tested.gain).collect();
+        by_likelihood(of, &gains)
     };
-    [by_likelihood(mean), by_likelihood(alone)].concat()
+    [weighed(mean), weighed(alone)].concat()
+}
+
+/// Looks with their weight by the logarithm of their likelihood, together 1, without those that are unlikely beside the likeliest.
+fn by_likelihood<T>(looks: impl IntoIterator<Item = T>, ln_likelihood: &[f64]) -> Vec<(T, f64)> {
+    let most = ln_likelihood.iter().copied().fold(0.0, f64::max);
+    let weights = looks.into_iter().zip(ln_likelihood.iter().map(|own| (own - most).exp()));
+    let kept: Vec<(T, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
+    let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
+    kept.into_iter().map(|(look, weight)| (look, weight / total)).collect()
+}
+
+/// A model with a motion in its uncertainty, beside what it holds of others: what it may be at a place, and what parameters took of it.
+fn told(model: MachineModel, by_place: VarianceByPlace, taken: &Taken) -> Result<MachineModel, ModelError> {
+    let mut parts = model.parts().clone();
+    parts.quality.wanders = match &parts.quality.wanders {
+        Some(other) => Some(other.with(&by_place).ok_or(ModelError::ByPlace { what: "two are of other places" })?),
+        None => Some(by_place),
+    };
+    taken.add(&model, &mut parts.covariance);
+    MachineModel::new(parts)
 }
 
 /// Mean square over the campaign of what is known of the motion, and of what is not, at every place; and the covariance of what the

@@ -13,7 +13,8 @@
 //! effect is no cause. What the course would do instead stands in the uncertainty with its share.
 
 use super::{
-    LEAST_WEIGHT, LN_RATIO, Motions, SEEN, Seen, Span, Tested, by_place_and_taken, in_course_of_time, steady_courses,
+    LN_RATIO, Motions, SEEN, Seen, Span, Tested, by_likelihood, by_place_and_taken, in_course_of_time, steady_courses,
+    told,
 };
 use crate::candidates::{Candidate, Round, proposals};
 use crate::competing::Without;
@@ -50,20 +51,21 @@ impl Slow {
         may_be: &dyn Fn(&FittedEffect) -> bool,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Slow, DiagnoseError> {
-        let (mut all, mut proposed) = (Vec::new(), None);
         let mut go_on = || match observe(Progress::Scoring { round: 1, effects: state.terms.len() }) {
             true => Ok(()),
             false => Err(DiagnoseError::Stopped),
         };
         let effects = state.fit.model.parts().effects.iter();
-        for (fitted, without) in effects.zip(without).filter(|(fitted, _)| may_be(fitted)) {
-            let of_all = match proposed {
-                Some(count) => count,
-                None => *proposed.insert(proposals(&state.machine, &search.context)?.len()),
-            };
+        let open: Vec<_> = effects.zip(without).filter(|(fitted, _)| may_be(fitted)).collect();
+        if open.is_empty() {
+            return Ok(Slow::default());
+        }
+        let proposed = proposals(&state.machine, &search.context)?.len();
+        let mut all = Vec::new();
+        for (fitted, without) in open {
             let term = EffectTerm::of(fitted);
             if let (Some((fit, round)), Some(added)) = (without, added(state, &term)) {
-                let candidate = (added.candidate, of_all);
+                let candidate = (added.candidate, proposed);
                 all.extend(Instead::of(term, candidate, (&fit.model, round), search.campaign, &mut go_on)?);
             }
         }
@@ -124,21 +126,14 @@ impl Instead {
         let of_looks = [&looks, &looks_beside].map(|looks| looks.iter().map(Tested::evidence).collect::<Vec<f64>>());
         let [Some(course), Some(beside)] = of_looks.each_ref().map(|of| mean(of)) else { return Ok(None) };
         let ln_odds = effect - (candidate.trials.max(proposed) as f64).ln() + beside - course;
-        let weighed: Vec<(&Tested, f64)> = looks.iter().zip(weights(&of_looks[0])).collect();
+        let weighed: Vec<(&Tested, f64)> = by_likelihood(&looks, &of_looks[0]);
         let (by_place, taken) = by_place_and_taken(&weighed, &alone.places, without.rows.parameters.len());
         let (share, taken) = (1.0 / (1.0 + ln_odds.exp()), Taken::new(model, &without.rows, taken));
         Ok(Some(Instead { term, title: candidate.known.title, share, by_place, taken }))
     }
 
     fn told(&self, share: f64, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let mut parts = model.parts().clone();
-        let own = self.by_place.scaled(share);
-        parts.quality.wanders = match &parts.quality.wanders {
-            Some(other) => Some(other.with(&own).ok_or(ModelError::ByPlace { what: "two are of other places" })?),
-            None => Some(own),
-        };
-        self.taken.scaled(share).add(&model, &mut parts.covariance);
-        MachineModel::new(parts)
+        told(model, self.by_place.scaled(share), &self.taken.scaled(share))
     }
 
     fn words(&self) -> String {
@@ -182,15 +177,6 @@ fn mean(evidence: &[f64]) -> Option<f64> {
     (!evidence.is_empty()).then(|| most + (sum / evidence.len() as f64).ln())
 }
 
-/// Weights of looks by their likelihood; 0 of those that are unlikely beside the likeliest.
-fn weights(evidence: &[f64]) -> Vec<f64> {
-    let most = evidence.iter().copied().fold(0.0, f64::max);
-    let of = |own: &f64| Some((own - most).exp()).filter(|weight| *weight > LEAST_WEIGHT).unwrap_or(0.0);
-    let weights: Vec<f64> = evidence.iter().map(of).collect();
-    let total: f64 = weights.iter().sum();
-    weights.into_iter().map(|weight| weight / total).collect()
-}
-
 impl Seen<'_> {
     /// All that may be slow: in any course, and in those of few parts that are the usual ones.
     fn slow(
@@ -223,9 +209,10 @@ mod tests {
     #[test]
     fn regress_weights_are_whole_however_many_look_alike() {
         for evidence in [vec![3.0; 143], vec![0.0; 2], vec![0.0, 40.0, 41.0, 2.0]] {
-            assert!((weights(&evidence).iter().sum::<f64>() - 1.0).abs() < 1e-12, "{evidence:?}");
+            let weights = by_likelihood(0.., &evidence);
+            assert!((weights.iter().map(|(_, weight)| weight).sum::<f64>() - 1.0).abs() < 1e-12, "{evidence:?}");
         }
-        assert_eq!(weights(&[0.0, 40.0])[0], 0.0);
+        assert_eq!(by_likelihood(0.., &[0.0, 40.0]), [(1, 1.0)]);
         assert_eq!(mean(&[]), None);
         assert!(mean(&[7.0, 7.0]).is_some_and(|mean| (mean - 7.0).abs() < 1e-12));
     }
