@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: points (m, machine frame) once, then for each target the indices of eight points around it, and
 //! whether it lies among the measured points. Used by the interpolation over the smallest enclosing hexahedron (Chen 2020,
-//! section 2.2). The residual network looks for its vertices in `models/residual-net` (`neighbourhood.rs`), which reads fewer points.
+//! section 2.2). The residual network has vertices of its own, among inputs of any kind (`neighbourhood.rs` of `models/residual-net`).
 //!
 //! Points may be a regular lattice, one with nodes missing, or a scatter. What counts as around:
 //! 1. the corners of the smallest box of measured points that contains the target (or, beyond the lattice, of the cell
