@@ -7,7 +7,7 @@
 
 use crate::candidates::Candidate;
 use crate::covariates::of_candidate;
-use crate::design::{Design, Gain};
+use crate::design::{Design, Gain, Told};
 use crate::error::PlanError;
 use crate::request::{Progress, Request, Stage};
 use crate::stations::FEWEST_LINES;
@@ -34,13 +34,17 @@ pub(crate) struct Search<'a> {
     pub(crate) design: Design,
     /// Indices of the lines in the plan.
     pub(crate) chosen: Vec<usize>,
-    /// Largest gain that each candidate may still have.
+    /// Largest gain that each candidate may still have, and what it told when that was computed.
     bounds: Vec<Gain>,
+    told: Vec<Option<Told>>,
     /// W without the effects.
     points: Mat<f64>,
     objective: f64,
     done: usize,
 }
+
+/// A plan to come back to: its design, its lines and what it is worth.
+type Kept = (Design, Vec<usize>, f64);
 
 /// When to stop adding.
 #[derive(Debug, Clone, Copy)]
@@ -73,9 +77,9 @@ impl<'a> Search<'a> {
         let rows = rows.into_iter().collect::<Result<Vec<_>, _>>()?;
         let singular = || PlanError::Identify(abbe_identify::IdentifyError::Singular);
         let absolute = request.options.absolute_range;
-        let design = Design::new(information, weight, lines.len(), absolute).ok_or_else(singular)?;
+        let design = Design::new(&information, weight, lines.len(), absolute).ok_or_else(singular)?;
         let unbounded = Gain { volume: f64::INFINITY, determinant: f64::INFINITY };
-        let bounds = vec![unbounded; candidates.len()];
+        let (bounds, told) = (vec![unbounded; candidates.len()], vec![None; candidates.len()]);
         let (chosen, stations) = (Vec::new(), lines.len());
         let mut search = Search {
             request,
@@ -86,6 +90,7 @@ impl<'a> Search<'a> {
             design,
             chosen,
             bounds,
+            told,
             points,
             objective: 0.0,
             done: 0,
@@ -115,10 +120,15 @@ impl<'a> Search<'a> {
 
     /// Looks at all candidates anew.
     fn look_again(&mut self) {
+        self.design.forget();
+        let (design, look) = (&self.design, self.design.look());
+        let gain = |k: &usize| {
+            let (station, rows) = (self.station[*k], &self.rows[*k]);
+            let mut told = look.as_ref().map(|look| look.told(station, rows));
+            (design.gain(station, rows, &mut told).unwrap_or(Gain::NONE), told)
+        };
         let all: Vec<usize> = (0..self.candidates.len()).collect();
-        let nothing = Gain { volume: 0.0, determinant: 0.0 };
-        let look = |k: &usize| self.design.gain(self.station[*k], &self.rows[*k]).unwrap_or(nothing);
-        self.bounds = in_parallel(&all, look);
+        (self.bounds, self.told) = in_parallel(&all, gain).into_iter().unzip();
     }
 
     /// What a gain is worth where the mean variance of a point is this (m²).
@@ -145,8 +155,8 @@ impl<'a> Search<'a> {
                 return (merit(best) > 0.0).then_some(best);
             }
             fresh[best] = true;
-            let nothing = Gain { volume: 0.0, determinant: 0.0 };
-            self.bounds[best] = design.gain(self.station[best], &self.rows[best]).unwrap_or(nothing);
+            let gain = design.gain(self.station[best], &self.rows[best], &mut self.told[best]);
+            self.bounds[best] = gain.unwrap_or(Gain::NONE);
         }
     }
 
@@ -173,7 +183,18 @@ impl<'a> Search<'a> {
         self.objective +=
             (self.design.volume() / before).ln() + DETERMINANT * lost.determinant / self.design.unknowns() as f64;
         self.chosen.remove(place);
+        self.told.fill(None);
         true
+    }
+
+    /// The plan as it was.
+    fn take_back(&mut self, (design, chosen, objective): Kept) {
+        (self.design, self.chosen, self.objective) = (design, chosen, objective);
+        self.told.fill(None);
+    }
+
+    fn kept(&self) -> Kept {
+        (self.design.clone(), self.chosen.clone(), self.objective)
     }
 
     /// How many lines a station has.
@@ -209,7 +230,7 @@ impl<'a> Search<'a> {
             if self.time_s() > until.budget_s {
                 // A holder that has to be changed for it costs more than its own time.
                 self.remove(self.chosen.len() - 1);
-                self.bounds[line] = Gain { volume: 0.0, determinant: 0.0 };
+                self.bounds[line] = Gain::NONE;
                 continue;
             }
             if !self.report(Stage::Lines, observe) {
@@ -226,7 +247,7 @@ impl<'a> Search<'a> {
         let mut better = true;
         for share in EXCHANGED {
             for _ in 0..PASSES {
-                let kept = (self.design.clone(), self.chosen.clone(), self.objective);
+                let kept = self.kept();
                 let count = ((self.chosen.len() as f64 * share).ceil() as usize).max(1);
                 for _ in 0..count {
                     if !self.drop_least() {
@@ -238,7 +259,7 @@ impl<'a> Search<'a> {
                 better = self.objective < kept.2 - WORTH;
                 if !better {
                     // The next exchange looks at all candidates itself, once it has taken lines out.
-                    (self.design, self.chosen, self.objective) = kept;
+                    self.take_back(kept);
                 }
                 if !self.report(Stage::Exchange, observe) || !goes_on {
                     return false;
@@ -272,9 +293,9 @@ impl<'a> Search<'a> {
     /// Takes out lines as long as the mean variance of a point stays within this (m²).
     pub(crate) fn trim(&mut self, variance_m2: f64) {
         loop {
-            let kept = (self.design.clone(), self.chosen.clone(), self.objective);
+            let kept = self.kept();
             if !self.drop_least() || self.variance_m2() > variance_m2 {
-                (self.design, self.chosen, self.objective) = kept;
+                self.take_back(kept);
                 return;
             }
         }
