@@ -6,7 +6,7 @@
 use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, joined};
-use crate::score::{Score, score};
+use crate::score::{Score, score, sections};
 use abbe_geometry::effects::{Known, REGISTRY, Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
@@ -171,26 +171,18 @@ pub(crate) fn refined(round: &Round, machine: &Machine, candidate: Candidate) ->
         scored.pop().ok_or(DiagnoseError::Singular)
     };
     let span = refine.ratio.ln().abs();
-    let (mut low, mut high) = (-span, span);
     let mut best = candidate.clone();
-    for _ in 0..GOLDEN_STEPS {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-        let (left, right) = (at(a)?, at(b)?);
-        let better = if left.score.reduction > right.score.reduction {
-            high = b;
-            left
-        } else {
-            low = a;
-            right
-        };
-        if better.score.reduction > best.score.reduction {
-            best = better;
+    let reduction = |log_ratio: f64| {
+        let own = at(log_ratio)?;
+        let reduction = own.score.reduction;
+        if reduction > best.score.reduction {
+            best = own;
         }
-    }
+        Ok::<f64, DiagnoseError>(reduction)
+    };
+    sections((-span, span), GOLDEN_STEPS, reduction)?;
     Ok(best)
 }
 
-/// Golden section.
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// Steps: the figure is then known to some percent, closer than data tell.
+/// Steps of a golden section: the figure is then known to some percent, closer than data tell.
 const GOLDEN_STEPS: usize = 8;

@@ -141,7 +141,7 @@ impl Linear {
             normal[(i, j)] / (scale[i] * scale[j]) + if i == j { UNSEEN } else { 0.0 }
         });
         let inverse = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
-        let covariance = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
+        let covariance = scaled_back(&inverse, &scale);
         let change = &covariance * (jacobian.transpose() * column(residuals));
         let moved = &*jacobian * &change;
         let residuals = residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
@@ -177,21 +177,14 @@ impl Linear {
     /// [`DiagnoseError::Singular`] where the columns depend on each other to a millionth.
     pub fn least_squares(jacobian: Mat<f64>, observed: &[f64]) -> Result<(Linear, Vec<f64>), DiagnoseError> {
         let normal = jacobian.transpose() * &jacobian;
-        let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].sqrt()).collect();
-        if scale.iter().any(|s| *s <= 0.0 || !s.is_finite()) {
-            return Err(DiagnoseError::Singular);
-        }
-        let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
-        factor_above(&equal, DEPENDENT).ok_or(DiagnoseError::Singular)?;
-        let llt = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
+        let (scale, llt) = equilibrated(&normal)?;
         let right = jacobian.transpose() * column(observed);
         let scaled = Mat::from_fn(right.nrows(), 1, |k, _| right[(k, 0)] / scale[k]);
         let solution = llt.solve(&scaled);
         let parameters: Vec<f64> = (0..scale.len()).map(|k| solution[(k, 0)] / scale[k]).collect();
         let predicted = &jacobian * column(&parameters);
         let residuals = observed.iter().enumerate().map(|(k, value)| value - predicted[(k, 0)]).collect();
-        let inverse = llt.inverse();
-        let covariance = Mat::from_fn(scale.len(), scale.len(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
+        let covariance = scaled_back(&llt.inverse(), &scale);
         Ok((Linear::new(jacobian, residuals, covariance, observed.len())?, parameters))
     }
 
@@ -336,6 +329,31 @@ impl Linear {
         let used = used_rows(&self.jacobian);
         Linear::of_parts(Arc::new(jacobian), normal, residuals, covariance, used)
     }
+}
+
+/// JᵀJ with ones on its diagonal, factored, and the scale of each column.
+fn equilibrated(normal: &Mat<f64>) -> Result<(Vec<f64>, Llt<f64>), DiagnoseError> {
+    let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].sqrt()).collect();
+    if scale.iter().any(|s| *s <= 0.0 || !s.is_finite()) {
+        return Err(DiagnoseError::Singular);
+    }
+    let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
+    factor_above(&equal, DEPENDENT).ok_or(DiagnoseError::Singular)?;
+    let llt = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
+    Ok((scale, llt))
+}
+
+fn scaled_back(inverse: &Mat<f64>, scale: &[f64]) -> Mat<f64> {
+    Mat::from_fn(scale.len(), scale.len(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+}
+
+/// (JᵀJ)⁻¹ of columns that do not depend on each other.
+///
+/// # Errors
+/// [`DiagnoseError::Singular`] where they depend on each other to a millionth.
+pub(crate) fn covariance_of(normal: &Mat<f64>) -> Result<Mat<f64>, DiagnoseError> {
+    let (scale, llt) = equilibrated(normal)?;
+    Ok(scaled_back(&llt.inverse(), &scale))
 }
 
 /// Rows that are not zero.
