@@ -7,15 +7,17 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
-use crate::context::{Context, is_of_the_room, range, read_by, takes_its_time};
+use crate::columns::range;
+use crate::context::{Context, follows_a_log, is_of_the_room, takes_its_time};
 use crate::error::DiagnoseError;
-use crate::lags::{apart, is_lagged, place_of, with_lags};
+use crate::lagged_columns::with_lags;
+use crate::lags::{apart, is_lagged, place_of};
 use crate::logs::between;
 use crate::options::Progress;
 use crate::same_claim::has;
 use crate::search::{Search, State};
 use crate::step::Step;
-use abbe_geometry::effects::{is_derived, of_lagged};
+use abbe_geometry::effects::is_derived;
 use abbe_identify::{EffectTerm, Identified};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use abbe_measurement::robust::median;
@@ -139,11 +141,6 @@ fn found(
     let beyond_late = if best.0 > 0.0 { BEYOND_LATE * (as_it_is - by_sensor) } else { 0.0 };
     let is_told = evidence > search.options.least_evidence.max(beyond_late);
     Ok(is_told.then_some(ClockShift { shift_s: best.0, title: known.title, evidence }))
-}
-
-/// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
-pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
-    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_of_the_room(name))
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.

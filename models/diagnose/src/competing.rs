@@ -11,16 +11,14 @@
 //! measured all over the volume, and disagree on the frame alone, which no reading tells. Lengths in m.
 
 use crate::candidates::{Candidate, Round, score_all};
-use crate::clock::follows_a_log;
-use crate::context::follows_time;
-use crate::diagnosis::Competing;
+use crate::context::follows_a_log;
 use crate::error::DiagnoseError;
 use crate::gate;
 use crate::options::Progress;
-use crate::same_claim::has;
+use crate::same_claim::{has, is_of_its_kind};
 use crate::search::{Search, State};
 use crate::worth;
-use abbe_geometry::effects::of_lagged;
+use abbe_geometry::effects::Shape;
 use abbe_geometry::mixture::mixture;
 use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_identify::{EffectTerm, Identified, IdentifyError};
@@ -30,8 +28,19 @@ use abbe_identify::{EffectTerm, Identified, IdentifyError};
 const LEAST: f64 = 0.05;
 /// Explanations tried in the place of each effect: each costs a fit.
 const MOST_TRIED: usize = 3;
-/// The effect that describes without a cause.
-pub(crate) const DESCRIPTION: &str = "empirical";
+
+/// An explanation that is nearly as likely as an effect found, in its place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Competing {
+    /// Name.
+    pub name: &'static str,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its share of the mean; what was found has the rest.
+    pub weight: f64,
+}
 
 /// An explanation in the place of an effect found.
 struct Kept {
@@ -145,16 +154,6 @@ fn in_place_of(
         kept.push(Kept { said, model: fit.model, weight });
     }
     Ok(kept)
-}
-
-/// Whether likelihood alone may choose between them. The search puts a cause before a description, what is logged before what lags
-/// behind it, and nothing into a coordinate that only follows the time of the campaign.
-pub(crate) fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
-    let describes = |term: &EffectTerm| term.effect.name() == DESCRIPTION;
-    let lags = |term: &EffectTerm| term.effect.reads().iter().any(|name| of_lagged(name).is_some());
-    (describes(found) || !describes(other))
-        && (lags(found) || !lags(other))
-        && !follows_time(other.effect.as_ref(), &other.shape)
 }
 
 /// Whether both are one effect of places alone, without a figure of its own, such as a period, that would tell them apart between places.

@@ -3,16 +3,15 @@
 //! Place in the flow: made once for a campaign; effects propose shapes from it, the look without candidates takes its
 //! variables from it. Covariates in the unit of their name; positions and offsets in m.
 
-use crate::lags;
-use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue, is_derived};
+use crate::columns::{range, varies};
+use crate::lagged_columns::is_proposed;
+use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue, is_derived, of_lagged};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, TIME};
 use abbe_measurement::campaign::{Campaign, Covariate};
 
 /// Offsets closer than this are one (m).
 const SAME_OFFSET_M: f64 = 1e-6;
-/// Spread, as a share of the largest magnitude, from which a covariate counts as varying.
-const VARYING: f64 = 1e-9;
 
 /// What a campaign offers to effects.
 #[derive(Debug, Clone)]
@@ -46,7 +45,7 @@ impl Context {
     pub(crate) fn new(campaign: &Campaign) -> Context {
         let time_s = range(campaign.readings.iter().map(|r| r.time_s));
         let mut varying = if time_s.1 > time_s.0 { vec![TIME.to_owned()] } else { Vec::new() };
-        let usable = campaign.covariates.iter().filter(|c| varies(&c.values) && lags::is_proposed(campaign, c));
+        let usable = campaign.covariates.iter().filter(|c| varies(&c.values) && is_proposed(campaign, c));
         varying.extend(usable.map(|column| column.name.clone()));
         let mut offsets_m: Vec<[f64; 3]> = Vec::new();
         for reading in &campaign.readings {
@@ -110,21 +109,14 @@ pub(crate) fn in_turn(campaign: &Campaign) -> bool {
     spans.windows(2).all(|pair| pair[1].0 >= pair[0].1)
 }
 
-/// Least and greatest of some values.
-pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
-}
-
 /// Whether two offsets (m) are the same.
 pub(crate) fn same_offset(a: &[f64; 3], b: &[f64; 3]) -> bool {
     (0..3).all(|d| (a[d] - b[d]).abs() < SAME_OFFSET_M)
 }
 
-/// Whether a column has a number everywhere, and more than one.
-pub(crate) fn varies(values: &[Option<f64>]) -> bool {
-    let is_whole = values.iter().all(|value| value.is_some_and(f64::is_finite));
-    let (low, high) = range(values.iter().flatten().copied());
-    is_whole && high - low > VARYING * low.abs().max(high.abs())
+/// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
+pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
+    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_of_the_room(name))
 }
 
 #[cfg(test)]

@@ -3,16 +3,20 @@
 //! Place in the flow: the result of [`crate::diagnose()`]; the command line writes it as JSON and as a report. SI.
 
 use crate::clock::ClockShift;
+use crate::competing::Competing;
 use crate::explanation::Explanation;
 use crate::gate::Verdict;
-use crate::judge::{Blocked, Placebo, Unseen};
 use crate::late::Late;
 use crate::machine_step::MachineStep;
 use crate::noise::Detection;
+use crate::step::SetAside;
 use crate::wander::{Slow, Wander};
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Identified;
+
+/// Half width of a 95 % interval in standard deviations.
+pub(crate) const BAND_95: f64 = 1.96;
 
 /// Outcome of a diagnosis.
 #[derive(Debug)]
@@ -114,19 +118,6 @@ pub struct Found {
     pub gate: Verdict,
 }
 
-/// A candidate that explains the residual but stays out of the model.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SetAside {
-    /// Name in the registry.
-    pub name: String,
-    /// Name for readers.
-    pub title: &'static str,
-    /// Its shape.
-    pub shape: Shape,
-    /// Why it stays out.
-    pub because: String,
-}
-
 /// A parameter with its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundParameter {
@@ -160,19 +151,6 @@ pub struct Rival {
     pub evidence_behind: f64,
 }
 
-/// An explanation that is nearly as likely as an effect found, in its place.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Competing {
-    /// Name.
-    pub name: &'static str,
-    /// Name for readers.
-    pub title: &'static str,
-    /// Its shape.
-    pub shape: Shape,
-    /// Its share of the mean; what was found has the rest.
-    pub weight: f64,
-}
-
 /// An effect that this plan cannot judge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NotIdentifiable {
@@ -197,4 +175,61 @@ pub struct Untestable {
     pub title: String,
     /// What it needs.
     pub needs: String,
+}
+
+/// A mean square with the interval that blocks give.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOutError {
+    /// Rms (m).
+    pub rms_m: f64,
+    /// 95 % interval of the rms (m).
+    pub interval_m: (f64, f64),
+}
+
+/// Error on lines left out of the whole search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unseen {
+    /// Without what the search found.
+    pub before: HeldOutError,
+    /// With it.
+    pub after: HeldOutError,
+    /// 95 % interval of before² − after² (m²), by lines: above zero where the gain is sure.
+    pub gain_m2: (f64, f64),
+    /// What the lines left out show beyond the declared noise with what was found: standard deviation along X, Y and Z (m); 0 where
+    /// chance explains it. A fit that has taken noise for an effect shows it here, and not on the readings that it saw.
+    pub unexplained_m: [f64; 3],
+    /// What each fold found, by name.
+    pub found: Vec<Vec<String>>,
+    /// What could not be left out or fitted, in words.
+    pub not_judged: Vec<String>,
+}
+
+impl Unseen {
+    /// Whether lines that no step saw are predicted worse with what was found, by more than one standard deviation between
+    /// lines.
+    pub(crate) fn loses(&self) -> bool {
+        let (low, high) = self.gain_m2;
+        let (gain, deviation) = (0.5 * (low + high), (high - low) / (2.0 * BAND_95));
+        gain < -deviation
+    }
+}
+
+/// Blocked error of the final structure, by kind of block.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blocked {
+    /// `line`, `station`, `time` or `offset`.
+    pub by: String,
+    /// Whitened rms without the effects.
+    pub before: f64,
+    /// Whitened rms with them.
+    pub after: f64,
+}
+
+/// Placebos of one effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Placebo {
+    /// Reduction of the blocked mean square by the effect itself (whitened, share of the noise).
+    pub gain: f64,
+    /// The same for its columns moved to other readings.
+    pub placebo_gains: Vec<f64>,
 }

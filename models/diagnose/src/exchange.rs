@@ -6,12 +6,11 @@
 //! the rest, and passes the same gate, it takes the place. Likelihood rises with each exchange: the search ends.
 
 use crate::candidates::{Candidate, proposals, score_all};
-use crate::competing::is_of_its_kind;
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
 use crate::named::named;
 use crate::options::Progress;
-use crate::same_claim::has;
+use crate::same_claim::{has, is_of_its_kind};
 use crate::search::{Search, State};
 use crate::step::Step;
 use crate::worth;

@@ -11,9 +11,9 @@
 //!
 //! φ ≥ 1 what the covariance of the model is scaled by already. m, along each axis.
 
+use crate::blocks::blocks;
 use crate::candidates::Round;
 use crate::error::DiagnoseError;
-use crate::judge;
 use crate::options::DiagnoseOptions;
 use crate::paired::untouched;
 use crate::wander::{self, Wander};
@@ -60,7 +60,7 @@ pub fn with_left_out(
 
 /// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.
 pub(crate) fn unexplained_m(round: &Round, campaign: &Campaign) -> [f64; 3] {
-    let kinds = judge::blocks(campaign, round).into_iter().filter(|(by, _)| LEFT_OUT.contains(by));
+    let kinds = blocks(campaign, round).into_iter().filter(|(by, _)| LEFT_OUT.contains(by));
     let of_kinds: Vec<[f64; 3]> = kinds.map(|(_, blocks)| of_blocks(round, &blocks)).collect();
     std::array::from_fn(|d| of_kinds.iter().map(|u_m| u_m[d]).fold(0.0, f64::max))
 }

@@ -7,9 +7,9 @@
 //! lines better than chance among lines, and may not lose in any kind of block (beyond chance, if it acts on the range only).
 //! Both are judged over the same readings, weights and directions ([`crate::paired`]). Whitened residuals; no units.
 
+use crate::blocks::blocks;
 use crate::candidates::Round;
 use crate::context::{read_by, same_offset};
-use crate::judge;
 use crate::paired::{Pair, Untold, pairs};
 use abbe_geometry::effects::{State, is_scale};
 use abbe_identify::{CampaignRow, EffectTerm};
@@ -91,7 +91,7 @@ pub(crate) fn judge(before: &Round, after: &Round, campaign: &Campaign, terms: &
 
 /// Whether lines left out are predicted better beyond chance among lines, where neither fit need know a line that it never saw.
 pub(crate) fn gains_on_lines(before: &Round, after: &Round, campaign: &Campaign) -> bool {
-    let lines = judge::blocks(campaign, after).into_iter().find(|(by, _)| *by == "line");
+    let lines = blocks(campaign, after).into_iter().find(|(by, _)| *by == "line");
     lines.is_some_and(|(_, blocks)| between(&pairs(before, after, &blocks, Untold::LeftOut)) >= GAIN)
 }
 
@@ -173,7 +173,7 @@ fn touches_lines(round: &Round, campaign: &Campaign, terms: &[EffectTerm]) -> bo
 /// Blocks by line, station and time, by offset, and by the range of each covariate that the terms read.
 fn kinds(campaign: &Campaign, round: &Round, terms: &[EffectTerm]) -> Vec<(String, Vec<Vec<usize>>)> {
     let mut kinds: Vec<(String, Vec<Vec<usize>>)> =
-        judge::blocks(campaign, round).into_iter().map(|(by, blocks)| (by.to_owned(), blocks)).collect();
+        blocks(campaign, round).into_iter().map(|(by, blocks)| (by.to_owned(), blocks)).collect();
     kinds.push(("offset".to_owned(), by_offset(campaign, round)));
     for name in quantities(terms) {
         kinds.push((name.clone(), by_range(campaign, round, &name)));

@@ -6,7 +6,9 @@
 //! fitted is left out and said. Beside it, cheaper: blocks left out of the final fit by line, station and time, and
 //! placebos. Residuals in m.
 
+use crate::blocks::blocks;
 use crate::candidates::Round;
+use crate::diagnosis::{BAND_95, HeldOutError, Placebo, Unseen};
 use crate::error::DiagnoseError;
 use crate::held_out::{HeldOut, held_out};
 use crate::linear::Linear;
@@ -25,71 +27,10 @@ use rand::{Rng, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;
 
-/// Half width of a 95 % interval in standard deviations.
-const BAND_95: f64 = 1.96;
-/// Blocks of time.
-const TIME_BLOCKS: usize = 20;
 /// Standardised residual (of the robust scale) beyond which a reading left out counts as an outlier, as in the fit.
 const OUTLIER: f64 = 6.0;
 /// Folds that must have been fitted for a figure: one fold is one draw of lines.
 const FEWEST_FOLDS: usize = 2;
-
-/// A mean square with the interval that blocks give.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeldOutError {
-    /// Rms (m).
-    pub rms_m: f64,
-    /// 95 % interval of the rms (m).
-    pub interval_m: (f64, f64),
-}
-
-/// Error on lines left out of the whole search.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Unseen {
-    /// Without what the search found.
-    pub before: HeldOutError,
-    /// With it.
-    pub after: HeldOutError,
-    /// 95 % interval of before² − after² (m²), by lines: above zero where the gain is sure.
-    pub gain_m2: (f64, f64),
-    /// What the lines left out show beyond the declared noise with what was found: standard deviation along X, Y and Z (m); 0 where
-    /// chance explains it. A fit that has taken noise for an effect shows it here, and not on the readings that it saw.
-    pub unexplained_m: [f64; 3],
-    /// What each fold found, by name.
-    pub found: Vec<Vec<String>>,
-    /// What could not be left out or fitted, in words.
-    pub not_judged: Vec<String>,
-}
-
-impl Unseen {
-    /// Whether lines that no step saw are predicted worse with what was found, by more than one standard deviation between
-    /// lines.
-    pub(crate) fn loses(&self) -> bool {
-        let (low, high) = self.gain_m2;
-        let (gain, deviation) = (0.5 * (low + high), (high - low) / (2.0 * BAND_95));
-        gain < -deviation
-    }
-}
-
-/// Blocked error of the final structure, by kind of block.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Blocked {
-    /// `line`, `station`, `time` or `offset`.
-    pub by: String,
-    /// Whitened rms without the effects.
-    pub before: f64,
-    /// Whitened rms with them.
-    pub after: f64,
-}
-
-/// Placebos of one effect.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Placebo {
-    /// Reduction of the blocked mean square by the effect itself (whitened, share of the noise).
-    pub gain: f64,
-    /// The same for its columns moved to other readings.
-    pub placebo_gains: Vec<f64>,
-}
 
 /// Runs the search without each fold of lines and predicts them; why there is no figure where too few folds can be fitted.
 pub(crate) fn unseen(
@@ -279,24 +220,6 @@ fn block_error(lines: &[Line], value: impl Fn(&Line) -> f64) -> HeldOutError {
     let (mean, deviation) = mean_and_deviation(lines, value);
     let root = |v: f64| v.max(0.0).sqrt();
     HeldOutError { rms_m: root(mean), interval_m: (root(mean - BAND_95 * deviation), root(mean + BAND_95 * deviation)) }
-}
-
-/// Blocks of readings used, by line, station and time.
-pub(crate) fn blocks(campaign: &Campaign, round: &Round) -> [(&'static str, Vec<Vec<usize>>); 3] {
-    let used = || (0..campaign.readings.len()).filter(|k| round.rows.whitening[*k] > 0.0);
-    let group = |key: &dyn Fn(usize) -> usize, count: usize| {
-        let mut groups = vec![Vec::new(); count];
-        used().for_each(|k| groups[key(k)].push(k));
-        groups.retain(|g| !g.is_empty());
-        groups
-    };
-    let readings = &campaign.readings;
-    let share = readings.len().div_ceil(TIME_BLOCKS).max(1);
-    [
-        ("line", group(&|k| readings[k].line as usize, campaign.lines.len())),
-        ("station", group(&|k| readings[k].station as usize, campaign.stations.len())),
-        ("time", group(&|k| k / share, TIME_BLOCKS)),
-    ]
 }
 
 /// Whitened rms of blocks left out.

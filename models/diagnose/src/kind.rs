@@ -3,12 +3,13 @@
 //! Place in the flow: near the end of [`crate::diagnose()`], before what is found enters the uncertainty, where a description counts for more. A
 //! cause has a name and a size of its own, no free dependence takes its place, and what happens once is one instant ([`crate::instant`]).
 
-use crate::competing::{DESCRIPTION, Without};
+use crate::competing::Without;
 use crate::diagnosis::FoundParameter;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::instant::{self, Moves};
 use crate::noise::Detection;
+use crate::same_claim::DESCRIPTION;
 use crate::search::{Search, State};
 use crate::step::added;
 use crate::{sizes, tomorrow};

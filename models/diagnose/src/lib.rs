@@ -63,8 +63,10 @@
 mod alias;
 mod aliased_period;
 mod aside;
+mod blocks;
 mod candidates;
 mod clock;
+mod columns;
 mod competing;
 mod context;
 mod cut_off;
@@ -82,6 +84,7 @@ mod instant;
 mod judge;
 mod jumps;
 mod kind;
+mod lagged_columns;
 mod lags;
 mod late;
 pub mod linear;
@@ -120,20 +123,23 @@ mod worth;
 mod zero_of_scale;
 
 pub use clock::ClockShift;
+pub use competing::Competing;
 pub use diagnose::diagnose;
-pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, NotIdentifiable, Rival, SetAside, Untestable};
+pub use diagnosis::{
+    Blocked, Diagnosis, Found, FoundParameter, HeldOutError, NotIdentifiable, Placebo, Rival, Unseen, Untestable,
+};
 pub use error::DiagnoseError;
 pub use explanation::Explanation;
 pub use floor::{Alone, with_left_out};
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
-pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
 pub use late::Late;
 pub use logs::mended;
 pub use machine_step::{Change, MachineStep};
 pub use noise::{Detection, Group, Structure};
 pub use options::{DiagnoseOptions, Progress};
 pub use pass::{Scored, score_pass};
+pub use step::SetAside;
 pub use still::Departure;
 pub use wander::{Slow, Wander};
 

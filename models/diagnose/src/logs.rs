@@ -5,7 +5,8 @@
 //! part of what it varies by. A value far from all others, and a log that stands still, are taken for missing. All of it is said. Values in
 //! the unit of their column; times in s.
 
-use crate::context::{is_of_the_room, range};
+use crate::columns::range;
+use crate::context::is_of_the_room;
 use abbe_geometry::seen::TEMPERATURE;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_measurement::robust::median;

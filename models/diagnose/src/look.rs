@@ -11,6 +11,7 @@ mod products;
 mod sines;
 
 use crate::candidates::Round;
+use crate::columns::correlation;
 use crate::context::Context;
 use crate::linear::Projected;
 use crate::score::Score;
@@ -129,13 +130,6 @@ fn variable(campaign: &Campaign, name: &str) -> Option<Variable> {
     }
     let scaled = values.iter().map(|v| 2.0 * (v - low) / (high - low) - 1.0).collect();
     Some(Variable { name: name.to_owned(), low, high, scaled })
-}
-
-pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
-    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
-    let (ma, mb) = (mean(a), mean(b));
-    let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(x, y)| f(x - ma, y - mb)).sum::<f64>();
-    sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt()
 }
 
 /// The dependences that explain most after the price of their parameters and of the search, best first; those whose evidence is not beyond

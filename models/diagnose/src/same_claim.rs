@@ -2,10 +2,14 @@
 //!
 //! Place in the flow: [`crate::search`] and what follows it ask before a term goes in, comes back or counts as a rival.
 
-use crate::lags::logged_of;
-use abbe_geometry::effects::{Shape, ShapeValue};
+use crate::context::follows_time;
+use crate::lagged_columns::logged_of;
+use abbe_geometry::effects::{Shape, ShapeValue, of_lagged};
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::EffectTerm;
+
+/// The effect that describes without a cause.
+pub(crate) const DESCRIPTION: &str = "empirical";
 
 /// Whether two terms are the same effect with other figures (degree, time constant): the same claim. With another axis or
 /// sensor it is another claim.
@@ -41,4 +45,14 @@ pub(crate) fn read_the_same(a: &EffectTerm, b: &EffectTerm) -> bool {
     let logged = |term: &EffectTerm| term.effect.reads().iter().map(|name| logged_of(name)).collect::<Vec<_>>();
     let reads = logged(b);
     logged(a).iter().any(|name| reads.contains(name))
+}
+
+/// Whether likelihood alone may choose between them. The search puts a cause before a description, what is logged before what lags
+/// behind it, and nothing into a coordinate that only follows the time of the campaign.
+pub(crate) fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
+    let describes = |term: &EffectTerm| term.effect.name() == DESCRIPTION;
+    let lags = |term: &EffectTerm| term.effect.reads().iter().any(|name| of_lagged(name).is_some());
+    (describes(found) || !describes(other))
+        && (lags(found) || !lags(other))
+        && !follows_time(other.effect.as_ref(), &other.shape)
 }

@@ -4,18 +4,29 @@
 
 use crate::aliased_period::Period;
 use crate::candidates::Candidate;
-use crate::competing::DESCRIPTION;
 use crate::context::takes_its_time;
-use crate::diagnosis::SetAside;
 use crate::gate::Verdict;
 use crate::named::named;
-use crate::same_claim::{has, is_variant, read_the_same};
+use crate::same_claim::{DESCRIPTION, has, is_variant, read_the_same};
 use crate::search::State;
-use abbe_geometry::effects::known;
+use abbe_geometry::effects::{Shape, known};
 use abbe_identify::EffectTerm;
 
 /// Words for what stands in the uncertainty.
 pub(crate) const HELD: &str = "it corrects nothing, and stands in U";
+
+/// A candidate that explains the residual but stays out of the model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetAside {
+    /// Name in the registry.
+    pub name: String,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// Why it stays out.
+    pub because: String,
+}
 
 /// One thing that a round decided.
 #[derive(Debug, Clone)]

@@ -78,7 +78,7 @@ fn regress_rejecting_more_readings_is_no_evidence() {
         }
     }
     let strict = search.round(&strict).unwrap();
-    let lines = &crate::judge::blocks(&campaign, &state.round)[0].1;
+    let lines = &crate::blocks::blocks(&campaign, &state.round)[0].1;
     let plain = |round| crate::judge::blocked_rms(round, lines);
     assert!(plain(&strict.linear) < 0.9 * plain(&state.round.linear), "the trap is there");
     let pairs = paired::pairs(&state.round, &strict, lines, paired::Untold::Judged);

@@ -12,7 +12,8 @@
 //! axis, and whoever bumps the whole machine moves the part on its table with it.
 
 use crate::candidates::Round;
-use crate::context::{follows_time, in_turn, range, read_by};
+use crate::columns::range;
+use crate::context::{follows_time, in_turn, read_by};
 use crate::gate;
 use crate::linear::Linear;
 use crate::same_claim::is_of;

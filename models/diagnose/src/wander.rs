@@ -14,7 +14,8 @@
 //! Y, Z): it stands in the uncertainty of the model. Whether it was the machine or the stations, and by which cause, is not told.
 
 use crate::candidates::Round;
-use crate::context::{Context, range};
+use crate::columns::range;
+use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::options::DiagnoseOptions;
 use crate::quadratic_form::p_of_form;

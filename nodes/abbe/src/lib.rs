@@ -22,6 +22,7 @@ pub mod help;
 pub mod identity;
 mod log;
 pub mod next;
+mod offset_sign;
 pub mod output;
 mod pairs;
 mod pipeline;

@@ -4,9 +4,9 @@
 //! that the model asks for, since what a cell means may depend on the cells before it. Correcting them and turning them
 //! into text is what takes long, and depends on nothing but the row. They leave in the order of the table.
 
-use crate::command::correct::Moved;
 use crate::residual::with_residual;
 use abbe_files::{CovariatePlace, FileError, PointRow, PointsReader, RowsForm, RowsText};
+use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
@@ -21,6 +21,15 @@ use std::ops::Range;
 const PART: usize = 1024;
 /// Rows that are read before they are corrected.
 pub(crate) const MANY: usize = 16 * PART;
+
+/// What was done to one row.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Moved {
+    /// Corrected − indicated position (m).
+    pub(crate) by_m: Vector3<f64>,
+    /// Standard uncertainty of the corrected coordinates (m).
+    pub(crate) u_m: Vector3<f64>,
+}
 
 /// Rows that were read and not yet corrected.
 pub(crate) struct Batch {

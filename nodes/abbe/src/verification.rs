@@ -3,7 +3,7 @@
 //! Place in the flow: `verify` and the demo. The reference has a frame of its own, so points are aligned rigidly
 //! first; nothing here ever feeds a fit.
 
-use crate::command::correct::check_offset_signs;
+use crate::offset_sign::check_offset_signs;
 use crate::residual::{inputs_of, with_residual};
 use crate::tally::{Tally, why_rejected};
 use abbe_files::{ModelFile, PointRow, PointsReader};

@@ -10,7 +10,7 @@
 use super::candidate::{Between, ModelTerm, Open, Study};
 use super::fit::Fit;
 use super::told::Doubts;
-use crate::context::range;
+use crate::columns::range;
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::Difference;
 use abbe_geometry::seen::TEMPERATURE;

@@ -6,7 +6,7 @@
 
 use super::{Course, Motions, Places, about_mean};
 use crate::candidates::Round;
-use crate::context::range;
+use crate::columns::range;
 use abbe_identify::in_parallel;
 use abbe_measurement::campaign::Campaign;
 use std::f64::consts::TAU;

@@ -7,23 +7,19 @@
 mod bag;
 mod report;
 
-pub(crate) use report::Moved;
-
 use super::bag_in_place;
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next};
+use crate::offset_sign::check_offset_signs;
 use crate::output;
 use crate::pipeline::{is_bag, software};
 use crate::provenance::file_name;
 use crate::residual::{inputs_of, load_residual, residual_meta};
 use crate::rows::{Batch, MANY, Part};
 use crate::tally::Tally;
-use abbe_files::{
-    AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, TableFacts, hex, write_atomically,
-};
-use abbe_geometry::model::IdentifiedVolume;
-use abbe_graph::step::{OwnedField, opposite_offset};
+use abbe_files::{AtomicFile, ModelFile, PointsReader, PointsWriter, TableFacts, hex, write_atomically};
+use abbe_graph::step::OwnedField;
 use abbe_report::MetaItem;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
@@ -32,6 +28,9 @@ use std::cell::RefCell;
 use std::fs::File;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
+
+/// Standard output in messages.
+const STANDARD: &str = "standard output";
 
 /// Arguments of `correct`.
 #[derive(Debug, clap::Args)]
@@ -310,30 +309,6 @@ fn write_corrected(
         writer.append(&batch.rows()[part.rows()], part.text)?;
     }
     Ok(())
-}
-
-/// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
-pub(crate) fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str) -> Result<(), FileError> {
-    let Some((d, problem)) = opposite_sign(identified, row.offset_m) else { return Ok(()) };
-    let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
-    Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, SIGN_REMEDY))
-}
-
-/// Standard output in messages.
-const STANDARD: &str = "standard output";
-const SIGN_REMEDY: &str = "correct its sign, or identify a model with such an offset";
-
-/// Which part of an offset has the sign that no offset of the campaign had, and what is wrong with it.
-fn opposite_sign(identified: &IdentifiedVolume, offset_m: [f64; 3]) -> Option<(usize, String)> {
-    let d = opposite_offset(identified, offset_m)?;
-    let (lower, upper) = identified.offset_m[d];
-    let problem = format!(
-        "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
-        offset_m[d] * 1e3,
-        lower * 1e3,
-        upper * 1e3
-    );
-    Some((d, problem))
 }
 
 /// Refuses a bag under the name of a table and a table under the name of a bag.

@@ -3,7 +3,7 @@
 //! Place in the flow: `abbe correct` of a bag. Each reading goes through the steps of the live nodes, and is counted as a row of a table
 //! is: what it was worth is told, and an offset of the wrong sign is refused.
 
-use super::{SIGN_REMEDY, opposite_sign};
+use crate::offset_sign::{SIGN_REMEDY, opposite_sign};
 use crate::pipeline::check_covariate_age;
 use crate::residual::inputs_of;
 use crate::tally::Tally;

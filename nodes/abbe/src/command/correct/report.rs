@@ -3,6 +3,7 @@
 //! Place in the flow: beside the corrected table. Rows are counted as they leave, and of very many an even share is kept for the
 //! picture. Correction = corrected − indicated (m here, µm on the page); uncertainties k = 2.
 
+use crate::rows::Moved;
 use crate::tally::Tally;
 use crate::verification::rms_and_max_aligned_m;
 use abbe_geometry::Vector3;
@@ -17,15 +18,6 @@ const KEPT: usize = 4000;
 /// Coverage factor of uncertainties on the page.
 const COVERAGE: f64 = 2.0;
 const AXES: [&str; 3] = ["x", "y", "z"];
-
-/// What was done to one row.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Moved {
-    /// Corrected − indicated position (m).
-    pub(crate) by_m: Vector3<f64>,
-    /// Standard uncertainty of the corrected coordinates (m).
-    pub(crate) u_m: Vector3<f64>,
-}
 
 /// The largest correction and its row.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@
 use super::super::model::{self, approached_otherwise, axis_of};
 use super::super::shape::{Shape, is_temperature};
 use super::{AxisRuns, Runs};
-use crate::context::range;
+use crate::columns::range;
 use crate::study::candidate::{Open, Study, Untold};
 use abbe_geometry::unseen_expansion::UnseenExpansion;
 use std::collections::BTreeSet;

@@ -5,7 +5,7 @@
 use super::super::quantities::POSITION;
 use super::super::registered::Registered;
 use super::{Part, Vectors};
-use crate::context::range;
+use crate::columns::range;
 use crate::linear::joined;
 use crate::study::candidate::{Open, Study};
 use abbe_geometry::Axis;
