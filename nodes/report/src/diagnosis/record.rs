@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::shaped::{places_mm, shaped};
+use super::shaped::{for_readers, places_mm, shaped};
 use crate::text::{listed, significant};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -539,16 +539,20 @@ impl SetAside {
 }
 
 impl Averaged {
-    /// Name, shape and share: `reversal (axis y, over x, terms 2) 12 %`.
+    /// Name for readers, shape and share: `backlash (axis y, over x, terms 2) 12 %`.
     pub fn label(&self) -> String {
-        let name = shaped(&self.name, &self.shape);
+        let name = self.named();
         self.share.map_or(name.clone(), |share| format!("{name} {:.0} %", 100.0 * share))
+    }
+
+    pub(super) fn named(&self) -> String {
+        shaped(for_readers(&self.name, &self.title), &self.shape)
     }
 }
 
 impl Rival {
-    /// Name and shape: `reversal (axis y, over x, terms 2)`.
+    /// Name for readers and shape: `backlash (axis y, over x, terms 2)`.
     pub fn label(&self) -> String {
-        shaped(&self.name, &self.shape)
+        shaped(for_readers(&self.name, &self.title), &self.shape)
     }
 }

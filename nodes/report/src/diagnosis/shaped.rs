@@ -6,7 +6,12 @@ use crate::text::{decimals, fixed, significant};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// A name with its shape: `reversal (axis y, over y, terms 1)`.
+/// The name for readers, where there is one.
+pub(super) fn for_readers<'a>(name: &'a str, title: &'a str) -> &'a str {
+    if title.is_empty() { name } else { title }
+}
+
+/// A name with its shape: `backlash (axis y, over y, terms 1)`.
 pub(super) fn shaped(name: &str, shape: &BTreeMap<String, Value>) -> String {
     if shape.is_empty() { name.to_owned() } else { format!("{name} ({})", entries(shape)) }
 }

@@ -2,7 +2,7 @@
 
 use super::names::{in_words, shape};
 use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
-use super::shaped::{entries, shaped};
+use super::shaped::{entries, for_readers, shaped};
 use super::words::alias_words;
 use super::{HELD_ALREADY, is_held_already, readable, share_text};
 use crate::digits;
@@ -172,7 +172,7 @@ impl Record {
             let label = label(e);
             let row = move |a: &super::Averaged| {
                 let share = Cell::maybe(a.share.map(|share| 100.0 * share), 0);
-                vec![Cell::text(&label), Cell::text(shaped(&a.name, &a.shape)), share]
+                vec![Cell::text(&label), Cell::text(a.named()), share]
             };
             e.averaged_with.iter().map(row).collect::<Vec<_>>()
         };
@@ -234,7 +234,7 @@ impl Record {
         ];
         let row = |n: &NotIdentifiable| {
             vec![
-                Cell::text(shaped(&n.name, &n.shape)),
+                Cell::text(shaped(for_readers(&n.name, &n.title), &n.shape)),
                 share(n.alias_share),
                 words(&n.aliased_with),
                 n.because.as_ref().and_then(Cell::text),

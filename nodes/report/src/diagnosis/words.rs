@@ -4,6 +4,7 @@
 
 use super::readable;
 use super::record::{Averaged, Effect, ErrorFigures, Record};
+use super::shaped::for_readers;
 use crate::text::{fixed, listed, significant};
 
 /// Candidates set aside that are named at most.
@@ -244,13 +245,13 @@ fn named(effect: &Effect) -> String {
 
 /// What an effect is called without its axis, its sensor and its constants.
 fn kind_of<'a>(name: &'a str, title: &'a str) -> &'a str {
-    let whole = if title.is_empty() { name } else { title };
+    let whole = for_readers(name, title);
     whole.split(" (").next().unwrap_or(whole)
 }
 
 /// The other explanation as an effect of its own, for its name.
 fn in_place_of(effect: &Effect, other: &Averaged) -> Effect {
-    let title = if other.title.is_empty() { other.name.clone() } else { other.title.clone() };
+    let title = for_readers(&other.name, &other.title).to_owned();
     Effect { name: other.name.clone(), title, shape: other.shape.clone(), covariates: Vec::new(), ..effect.clone() }
 }
 
