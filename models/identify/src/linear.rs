@@ -34,7 +34,7 @@ impl Factor {
 
     /// Logarithm of the determinant of the factored matrix.
     pub(crate) fn log_determinant(&self) -> f64 {
-        (0..self.size).map(|k| 2.0 * self.llt.L()[(k, k)].ln()).sum()
+        log_determinant(&self.llt)
     }
 
     /// Inverse of the factored matrix.
@@ -50,6 +50,11 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
     a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
     rest + sums.iter().sum::<f64>()
+}
+
+/// ln det of a matrix by its Cholesky factor.
+pub fn log_determinant(factor: &Llt<f64>) -> f64 {
+    (0..factor.L().nrows()).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum()
 }
 
 /// Symmetric matrix of the free parameters, both triangles filled, from a row-major upper triangle.

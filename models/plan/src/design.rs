@@ -10,7 +10,7 @@
 //! What a line would tell, V and J S Jᵀ, is brought up to date by what has been added since it was looked at, r products with R in place of
 //! r products with C and S.
 
-use abbe_identify::{STATION_PARAMETERS, SplitRows, U_ABSOLUTE_ZERO_M, symmetric_eigen};
+use abbe_identify::{STATION_PARAMETERS, SplitRows, U_ABSOLUTE_ZERO_M, log_determinant, symmetric_eigen};
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, MatRef, Side};
 
@@ -89,10 +89,6 @@ fn lower_solved(root: &Llt<f64>, mut matrix: Mat<f64>) -> Mat<f64> {
 fn root_of(seen: &Mat<f64>, sign: f64) -> Option<Llt<f64>> {
     let whole = Mat::from_fn(seen.nrows(), seen.ncols(), |i, j| f64::from(i == j) + sign * seen[(i, j)]);
     Llt::new(whole.as_ref(), Side::Lower).ok()
-}
-
-fn log_determinant(root: &Llt<f64>) -> f64 {
-    (0..root.L().nrows()).map(|k| 2.0 * root.L()[(k, k)].ln()).sum()
 }
 
 impl Told {

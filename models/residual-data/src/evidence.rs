@@ -13,6 +13,7 @@
 use crate::ResidualError;
 use crate::problem::Problem;
 use abbe_field::kriging::Kernel;
+use abbe_identify::log_determinant;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use nalgebra::Vector3;
@@ -92,11 +93,7 @@ impl Factored {
         let moved = solved.subcols(0, width) * &change;
         let weights = Mat::from_fn(count, 1, |i, _| solved[(i, width)] - moved[(i, 0)]);
         let minus_two_log_likelihood =
-            log_determinant(&rows, count) + log_determinant(&trend, width) + normal[(width, width)] - explained;
+            log_determinant(&rows) + log_determinant(&trend) + normal[(width, width)] - explained;
         Ok(Factored { rows, trend, change, weights, minus_two_log_likelihood })
     }
-}
-
-fn log_determinant(factor: &Llt<f64>, size: usize) -> f64 {
-    (0..size).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum()
 }

@@ -28,7 +28,7 @@ mod pairs;
 mod pipeline;
 pub mod plane_field;
 mod planning;
-mod progress;
+pub mod progress;
 mod provenance;
 mod residual;
 pub mod residual_bag;

@@ -2,14 +2,22 @@
 //!
 //! Place in the flow: between what a model tells of its steps and whoever waits, be it a person, a log or another program.
 
-use crate::command::spinner;
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressStyle};
 use std::cell::Cell;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Time between two lines: a log of an hour stays readable, and what is done sooner says nothing.
 const EVERY: Duration = Duration::from_secs(5);
+
+/// A line that says what is being done, and turns.
+pub fn spinner(what: &str) -> ProgressBar {
+    let style =
+        ProgressStyle::with_template("{spinner} {prefix}: {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
+    let bar = ProgressBar::new_spinner().with_style(style).with_prefix(what.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
 
 /// Tells where a command stands.
 pub(crate) struct Told {

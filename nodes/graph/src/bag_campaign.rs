@@ -66,7 +66,7 @@ pub fn campaign_from_bag(
                 elsewhere += 1;
                 continue;
             }
-            let stamp_ns = i64::from(reading.stamp.sec()) * 1_000_000_000 + i64::from(reading.stamp.nanosec());
+            let stamp_ns = reading.stamp.to_nanos();
             stamps_ns =
                 Some(stamps_ns.map_or([stamp_ns; 2], |[first, last]| [first.min(stamp_ns), last.max(stamp_ns)]));
             stale += usize::from(reading.covariates.iter().any(|c| !is_fresh(c.age_s, max_covariate_age_s)));

@@ -7,10 +7,10 @@ mod report;
 
 use crate::data::{self, Data};
 use crate::inputs::Inputs;
-use abbe::command::spinner;
 use abbe::command::training::CompareArguments;
 use abbe::identity::{Said, Who};
 use abbe::next::Next;
+use abbe::progress::spinner;
 use abbe::{is_bag, output};
 use abbe_files::{hex, write_atomically};
 use abbe_geometry::Axis;

@@ -5,6 +5,7 @@
 //! whitened rows, so that a fit whose columns could take up the correlation is charged for it.
 
 use super::{Correlation, Sequence, Whitener};
+use crate::linear::log_determinant;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
@@ -88,7 +89,7 @@ impl Fitted<'_> {
     /// determined.
     pub fn restricted(&self, whitener: Option<&Whitener>) -> Option<Restricted> {
         let (mut design, mut observed) = (self.design.to_owned(), self.residuals.to_vec());
-        let log_determinant = match whitener {
+        let of_whitener = match whitener {
             Some(whitener) => {
                 let left_out: Vec<usize> = (0..observed.len()).filter(|k| self.weights[*k] <= 0.0).collect();
                 let clear = |column: &mut [f64]| left_out.iter().for_each(|k| column[*k] = 0.0);
@@ -118,9 +119,8 @@ impl Fitted<'_> {
         let factor = Llt::new(normal.as_ref(), Side::Lower).ok()?;
         let explained = (gradient.transpose() * factor.solve(&gradient))[(0, 0)];
         let square = (observed.squared_norm_l2() - explained).max(ROUNDING * before).max(f64::MIN_POSITIVE);
-        let of_normal: f64 = (0..normal.nrows()).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum();
         let degrees = used.saturating_sub(self.improper).max(1) as f64;
-        let minus_two_log = degrees * square.ln() + of_normal + log_determinant;
+        let minus_two_log = degrees * square.ln() + log_determinant(&factor) + of_whitener;
         minus_two_log.is_finite().then_some(Restricted { minus_two_log, noise_factor: square / degrees })
     }
 

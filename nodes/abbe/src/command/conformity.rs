@@ -2,13 +2,14 @@
 //!
 //! Place in the flow: on measured data of an acceptance test, or on the virtual machine before and after correction.
 
-use super::identify::{progress_text, spinner};
+use super::identify::progress_text;
 use super::simulate::VOLUMETRIC_RMS_UM;
 use crate::conformity::{self, Limits, Product, dcc, lengths, runs, simulated, sphere};
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said, Who};
 use crate::next::Next;
 use crate::output;
+use crate::progress::spinner;
 use abbe_conformity::length::Probing;
 use abbe_conformity::{MaximumPermissibleError, Verdict};
 use abbe_files::{read_machine, write_atomically};

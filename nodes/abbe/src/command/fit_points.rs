@@ -4,10 +4,10 @@
 //! Reads the columns of `verify` (scale readings, offsets, actual position); writes the same kind of model file. Points of a
 //! plate lie in planes, one pose or several: what these support is fitted, the rest is named.
 
-use super::identify::spinner;
 use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::software;
+use crate::progress::spinner;
 use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, Doubt, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
 use abbe_geometry::Vector3;

@@ -9,16 +9,16 @@ use crate::identity::IdentityOptions;
 use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::{self, Choices, Identification, LoadedCampaign};
+use crate::progress::spinner;
 use crate::verdict::{self, Accept};
 use abbe_files::{ModelFile, hex, read_machine, write_atomically};
 use abbe_identify::verdict::{Finding, Subject};
 use abbe_identify::{Progress, RejectedReading};
 use abbe_report::digits;
 use abbe_runtime::Shutdown;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Share of what was known before, from which the campaign has told the turn of the ram.
 const TOLD: f64 = 0.5;
@@ -97,15 +97,6 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_words(arguments, &file, &found, &sha256, identify_s);
     }
     Ok(())
-}
-
-/// A line that says what is being done, and turns.
-pub fn spinner(what: &str) -> ProgressBar {
-    let style =
-        ProgressStyle::with_template("{spinner} {prefix}: {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-    let bar = ProgressBar::new_spinner().with_style(style).with_prefix(what.to_owned());
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }
 
 /// One pass in words.

@@ -41,7 +41,6 @@ mod verify;
 mod volumetric;
 
 pub(crate) use identify::progress_text;
-pub use identify::spinner;
 
 use crate::stop;
 use abbe_files::{Unfinished, put_in_place};

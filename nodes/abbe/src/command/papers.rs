@@ -3,8 +3,8 @@
 //! Place in the flow: nothing of a user's machine goes in; it shows what the methods are worth on the papers' own data
 //! and set-ups. The same table goes to the terminal, to report.html and to figures.json.
 
-use super::identify::spinner;
 use crate::next::Next;
+use crate::progress::spinner;
 use abbe_files::write_atomically;
 use abbe_papers::{Figure, PAPERS, Paper, PaperError, Settings, Verdict};
 use abbe_report::{

@@ -8,6 +8,7 @@ use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use crate::pipeline::{self, BagJoin};
 use crate::planning::{self, Sources};
+use crate::progress::spinner;
 use crate::provenance::hashed;
 use abbe_files::{
     MachineFile, ModelFile, OrderChoice, PlanRequestFile, dme, gcode, path_csv, read_machine, read_plan_request,
@@ -18,11 +19,9 @@ use abbe_identify::{Belief, IdentifyOptions};
 use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
 use abbe_report::digits;
 use anyhow::{Context, anyhow, ensure};
-use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 /// What is written into the folder.
 const FILES: [&str; 6] = ["path.csv", "stations.csv", "path.nc", "path.dme", "plan.json", "report.html"];
@@ -66,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.machine)?;
     let file = read_plan_request(&arguments.request)?;
     let request = request(arguments, &machine, &file)?;
-    let bar = progress_bar(&machine.machine.name);
+    let bar = spinner(&format!("planning {}", machine.machine.name));
     let mut observe = |progress: Progress| {
         bar.set_message(progress_words(&progress));
         keeps.store(matches!(progress.stage, Stage::Lines | Stage::Exchange), Ordering::Relaxed);
@@ -203,14 +202,6 @@ fn placed(error: PlanError, file: &PlanRequestFile) -> anyhow::Error {
 
 fn without_key(place: &abbe_files::Place) -> abbe_files::Place {
     abbe_files::Place { item: None, ..place.clone() }
-}
-
-fn progress_bar(machine: &str) -> ProgressBar {
-    let style =
-        ProgressStyle::with_template("{spinner} {prefix}: {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-    let bar = ProgressBar::new_spinner().with_style(style).with_prefix(format!("planning {machine}"));
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }
 
 fn progress_words(progress: &Progress) -> String {

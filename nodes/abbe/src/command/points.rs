@@ -6,11 +6,11 @@
 
 mod tips;
 
-use super::identify::spinner;
 use crate::exit::Ended;
 use crate::next::Next;
 use crate::output;
 use crate::pipeline;
+use crate::progress::spinner;
 use crate::verdict::{self, Accept, shown};
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
 use abbe_identify::verdict::{Cause, Counted, Verdict};

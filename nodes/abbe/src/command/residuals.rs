@@ -5,10 +5,10 @@
 //! rigid alignment. What the data do not show is refused or left uncertain, never filled in.
 
 use super::bag_in_place;
-use super::identify::spinner;
 use crate::next::Next;
 use crate::output;
 use crate::pipeline::{BagJoin, LoadedCampaign, load_campaign};
+use crate::progress::spinner;
 use crate::residual_bag::{self, BagPoint};
 use crate::verdict::{self, Accept};
 use crate::verification::correct_points;
