@@ -29,9 +29,11 @@ const INDEPENDENT_TRUTH: &str = "tests/evidence/virtual-machine";
 /// Live nodes.
 const LIVE: &str = "nodes/graph/src";
 /// Crates that only these files or folders of live nodes may name.
-const NAMED_IN: [(&str, &[&str]); 2] = [
-    // A capture holds each reading against the campaign so far, and only the solver says what that is.
+const NAMED_IN: [(&str, &[&str]); 4] = [
+    // A capture fits the campaign as it grows, and states what identification would state of it where the plan promised it.
     ("abbe_identify", &["capture"]),
+    ("abbe_diagnose", &["capture"]),
+    ("abbe_plan", &["capture"]),
     // The simulated machine is a driver, is served for rehearsals, and has effects that a launch file names.
     ("abbe_virtual_machine", &["driver/virtual_machine.rs", "serving.rs", "launch/check.rs"]),
 ];

@@ -18,6 +18,7 @@ use crate::options::DiagnoseOptions;
 use crate::paired::untouched;
 use crate::wander::{self, Wander};
 use abbe_geometry::model::MachineModel;
+use abbe_identify::verdict::{Verdict, widened};
 use abbe_identify::{Excess, Identified, IdentifyError, by_axis, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -56,6 +57,22 @@ pub fn with_left_out(
         model = wander.told(model).map_err(IdentifyError::from)?;
     }
     Ok(Alone { model, wander })
+}
+
+/// A fit as it is stated, by whatever it was made: the model with what the campaign leaves open ([`with_left_out`]) and what a misfit costs that
+/// is accepted, and the verdict with what the machine does in the course of the campaign.
+///
+/// # Errors
+/// Rows that cannot be factored.
+pub fn stated(
+    fit: &Identified,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    verdict: Verdict,
+) -> Result<(MachineModel, Verdict), DiagnoseError> {
+    let Alone { model, wander } = with_left_out(fit, instrument, campaign)?;
+    let verdict = wander.iter().fold(verdict, |verdict, wander| verdict.with(wander.finding()));
+    Ok((widened(model, verdict.widening).map_err(IdentifyError::from)?, verdict))
 }
 
 /// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.

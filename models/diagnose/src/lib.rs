@@ -130,7 +130,7 @@ pub use diagnosis::{
 };
 pub use error::DiagnoseError;
 pub use explanation::Explanation;
-pub use floor::{Alone, with_left_out};
+pub use floor::{Alone, stated, with_left_out};
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
 pub use late::Late;

@@ -93,5 +93,5 @@ mod timing;
 pub use check::check;
 pub use error::PlanError;
 pub use plan::{Line, Plan, Station, plan};
-pub use promise::{ErrorPromise, Known, Promise, of_campaign};
+pub use promise::{ErrorPromise, Known, Promise, of_campaign, u_over};
 pub use request::{Goal, Holder, Lines, Measured, Motion, Progress, Request, Sensor, Stage, Stand, Tracer, Wish};

@@ -10,7 +10,7 @@ use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{MachineModel, ModelParts};
-use abbe_geometry::{ErrorId, Vector3};
+use abbe_geometry::{ErrorId, Matrix3, Vector3};
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, Identified, IdentifyError, IdentifyOptions, foresee};
 use abbe_measurement::campaign::Campaign;
@@ -138,7 +138,7 @@ pub(crate) fn rms_m(
 ) -> Result<f64, PlanError> {
     let Known { machine, instrument, options, belief, misfit } = known;
     let fit = foresee(machine, instrument, (campaign, stations), &[], belief, options)?;
-    Ok(points(&with_misfit(fit.model, misfit)?, volume_m, tips_m)?.mean_m2.sum().sqrt())
+    u_over(&with_misfit(fit.model, misfit)?, volume_m, tips_m)
 }
 
 /// What a foreseen fit says over a volume of readings (m) at these tips (m, ram frame).
@@ -179,6 +179,35 @@ fn with_misfit(model: MachineModel, (chi2_per_dof, unexplained_m): (f64, [f64; 3
     Ok(MachineModel::new(parts).map_err(IdentifyError::from)?)
 }
 
+/// Rms over a volume of readings (m) and these tips (m, ram frame) of the standard uncertainty of a corrected point, in space (m): what a model
+/// has reached, as [`Promise::u_m`] says what one will.
+///
+/// # Errors
+/// A model that states no covariance there.
+pub fn u_over(model: &MachineModel, volume_m: &[(f64, f64); 3], tips_m: &[[f64; 3]]) -> Result<f64, PlanError> {
+    Ok(mean_variance(model, volume_m, tips_m)?.sum().sqrt())
+}
+
+/// Mean variance over a volume of readings (m) and these tips, along X, Y and Z (m²).
+fn mean_variance(
+    model: &MachineModel,
+    volume_m: &[(f64, f64); 3],
+    tips_m: &[[f64; 3]],
+) -> Result<Vector3<f64>, PlanError> {
+    let mut sum_m2 = Vector3::zeros();
+    for reading_m in spread_m(volume_m, SPREAD) {
+        for offset_m in tips_m {
+            sum_m2 += covariance_m2(model, reading_m, *offset_m)?.diagonal();
+        }
+    }
+    Ok(sum_m2 / (SPREAD * tips_m.len()).max(1) as f64)
+}
+
+fn covariance_m2(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Result<Matrix3<f64>, PlanError> {
+    let state = State { reading_m, offset_m, covariates: &NoCovariates };
+    Ok(correct(model, &state).covariance_m2.ok_or(IdentifyError::Singular)?)
+}
+
 struct Points {
     /// Mean variance over the volume and the tips (m²).
     mean_m2: Vector3<f64>,
@@ -187,20 +216,12 @@ struct Points {
 }
 
 fn points(model: &MachineModel, volume_m: &[(f64, f64); 3], tips_m: &[[f64; 3]]) -> Result<Points, PlanError> {
-    let mut points = Points { mean_m2: Vector3::zeros(), largest: (0.0, [0.0; 3]), map: Vec::new() };
-    let at = |reading_m: [f64; 3], offset_m: &[f64; 3]| {
-        let state = State { reading_m, offset_m: *offset_m, covariates: &NoCovariates };
-        correct(model, &state).covariance_m2.ok_or(IdentifyError::Singular)
-    };
-    for reading_m in spread_m(volume_m, SPREAD) {
-        for offset_m in tips_m {
-            points.mean_m2 += at(reading_m, offset_m)?.diagonal() / (SPREAD * tips_m.len()) as f64;
-        }
-    }
+    let mean_m2 = mean_variance(model, volume_m, tips_m)?;
+    let mut points = Points { mean_m2, largest: (0.0, [0.0; 3]), map: Vec::new() };
     for reading_m in grid_m(volume_m, STEPS) {
         let mut most_m = 0.0_f64;
         for offset_m in tips_m {
-            most_m = most_m.max(at(reading_m, offset_m)?.trace().sqrt());
+            most_m = most_m.max(covariance_m2(model, reading_m, *offset_m)?.trace().sqrt());
         }
         if most_m > points.largest.0 {
             points.largest = (most_m, reading_m);

@@ -3,10 +3,10 @@
 //! Place in the flow: machine file and campaign in, model file with its evidence out.
 
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{Alone, with_left_out};
+use abbe_diagnose::stated;
 use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
 use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
-use abbe_identify::verdict::{Grade, Verdict, ask_held_functions, of_campaign, stroke, widened};
+use abbe_identify::verdict::{Grade, Verdict, ask_held_functions, of_campaign, stroke};
 use abbe_identify::{
     Along, By, CorrelatedNoise, Evidence, IdentifyError, IdentifyOptions, Noise, Progress, RangeCorrelation,
 };
@@ -147,12 +147,11 @@ pub(crate) fn identify(
     let mut verdict = of_campaign(&loaded.campaign, &fit);
     ask_held_functions(&mut verdict, &machine.machine, machine.instrument, &loaded.campaign, &options, observe)?;
     verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&fit.evidence))?;
-    let Alone { model, wander } =
-        with_left_out(&fit, machine.instrument, &loaded.campaign).with_context(|| loaded.source.file.clone())?;
-    let verdict = wander.iter().fold(verdict, |verdict, wander| verdict.with(wander.finding()));
+    let (model, verdict) =
+        stated(&fit, machine.instrument, &loaded.campaign, verdict).with_context(|| loaded.source.file.clone())?;
     let abbe_identify::Identified { evidence, residuals_m, u_m, .. } = fit;
     let file = ModelFile {
-        model: widened(model, verdict.widening)?,
+        model,
         order: machine.order,
         instrument: machine.instrument,
         absolute_range: machine.absolute_range,

@@ -4,29 +4,27 @@
 //! is a model that readings are held against, and the uncertainty that identification would state if nothing more came. A thread
 //! of its own, so that no reading waits for it. SI.
 
+use abbe_diagnose::stated;
 use abbe_files::{MachineFile, OrderChoice};
-use abbe_geometry::correct::correct;
-use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::verdict::{Finding, of_campaign};
 use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
+use abbe_plan::u_over;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
-
-/// Points along each axis over which the uncertainty is averaged.
-const STEPS: usize = 5;
 
 /// What the campaign so far says.
 #[derive(Debug, Clone)]
 pub struct SoFar {
     /// Readings that went in.
     pub readings: usize,
-    /// The model.
+    /// The model of the fit alone, which readings are held against.
     pub model: MachineModel,
-    /// Rms over the volume of the plan of the standard uncertainty of a corrected point, in space (m).
+    /// Rms over the volume of the plan of the standard uncertainty of a corrected point, in space (m), as `abbe identify` would state it of these
+    /// readings and as the plan promises it.
     pub u_m: f64,
     /// What the fit says against itself.
     pub findings: Vec<Finding>,
@@ -58,24 +56,10 @@ pub fn so_far(
     let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
     let fit = fit.map_err(|error| error.to_string())?;
-    let findings = of_campaign(campaign, &fit).findings;
-    let u_m = u_m(&fit.model, volume).ok_or("the model states no uncertainty for the volume of the plan")?;
-    Ok(SoFar { readings: campaign.readings.len(), model: fit.model, u_m, findings })
-}
-
-fn u_m(model: &MachineModel, volume: &Volume) -> Option<f64> {
-    let share = |k: usize| k as f64 / (STEPS - 1) as f64;
-    let (mut sum_m2, mut count) = (0.0, 0);
-    for k in 0..STEPS.pow(3) {
-        let shares = [share(k % STEPS), share(k / STEPS % STEPS), share(k / (STEPS * STEPS))];
-        let at = |d: usize| volume.reading_m[d].0 + (volume.reading_m[d].1 - volume.reading_m[d].0) * shares[d];
-        for offset_m in &volume.offsets_m {
-            let state = State { reading_m: [at(0), at(1), at(2)], offset_m: *offset_m, covariates: &NoCovariates };
-            sum_m2 += correct(model, &state).covariance_m2?.trace();
-            count += 1;
-        }
-    }
-    Some((sum_m2 / f64::from(count.max(1))).sqrt())
+    let (model, verdict) =
+        stated(&fit, machine.instrument, campaign, of_campaign(campaign, &fit)).map_err(|error| error.to_string())?;
+    let u_m = u_over(&model, &volume.reading_m, &volume.offsets_m).map_err(|error| error.to_string())?;
+    Ok(SoFar { readings: campaign.readings.len(), model: fit.model, u_m, findings: verdict.findings })
 }
 
 /// The thread that fits.
