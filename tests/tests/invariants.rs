@@ -155,13 +155,17 @@ fn files_of_a_crate_use_each_other_one_way() {
         crates.entry(folder.to_owned()).or_default().add(module, &file.source);
     }
     assert!(crates.len() >= 20, "{:?}", crates.keys());
-    let words = |folder: &str, files: &[&str]| format!("{folder}: {}", files.join(", "));
+    let words = |folder: &str, files: &[&str], uses: usize| format!("{folder}: {} ({uses} uses)", files.join(", "));
     let of = |(folder, modules): (&String, &Modules)| -> Vec<String> {
         let circles = modules.circles().into_iter();
-        circles.map(|files| words(folder, &files.iter().map(String::as_str).collect::<Vec<&str>>())).collect()
+        let each = |(files, uses): (Vec<String>, usize)| {
+            words(folder, &files.iter().map(String::as_str).collect::<Vec<&str>>(), uses)
+        };
+        circles.map(each).collect()
     };
     let found: BTreeSet<String> = crates.iter().flat_map(of).collect();
-    let listed: BTreeSet<String> = THERE_ARE.iter().map(|(folder, files, _)| words(folder, files)).collect();
+    let listed: BTreeSet<String> =
+        THERE_ARE.iter().map(|(folder, files, uses, _)| words(folder, files, *uses)).collect();
     let new: Vec<String> = found.difference(&listed).cloned().collect();
     assert_none("move what they need of each other into a file below them", &new);
     let gone: Vec<String> = listed.difference(&found).cloned().collect();

@@ -61,6 +61,7 @@ pub(crate) struct Gain {
 
 impl Gain {
     pub(crate) const NONE: Gain = Gain { volume: 0.0, determinant: 0.0 };
+    pub(crate) const UNBOUNDED: Gain = Gain { volume: f64::INFINITY, determinant: f64::INFINITY };
 }
 
 /// A square root Q of the covariance, C = QQᵀ, in whose directions W is diagonal, QᵀWQ = Λ: V and J S Jᵀ then take one product, J Q, in

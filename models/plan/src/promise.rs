@@ -4,6 +4,7 @@
 //! compare plans. The model that comes from [`abbe_identify::foresee`] is asked through the function that corrects
 //! coordinates, so that what is said here of a point is what will stand beside a corrected one. SI, k = 1.
 
+use crate::check::wrong;
 use crate::error::PlanError;
 use abbe_diagnose::Foresight;
 use abbe_geometry::correct::correct;
@@ -194,13 +195,16 @@ fn mean_variance(
     volume_m: &[(f64, f64); 3],
     tips_m: &[[f64; 3]],
 ) -> Result<Vector3<f64>, PlanError> {
+    if tips_m.is_empty() {
+        return Err(wrong("tips", "there is no tip at which an uncertainty could be stated", "name one"));
+    }
     let mut sum_m2 = Vector3::zeros();
     for reading_m in spread_m(volume_m, SPREAD) {
         for offset_m in tips_m {
             sum_m2 += covariance_m2(model, reading_m, *offset_m)?.diagonal();
         }
     }
-    Ok(sum_m2 / (SPREAD * tips_m.len()).max(1) as f64)
+    Ok(sum_m2 / (SPREAD * tips_m.len()) as f64)
 }
 
 fn covariance_m2(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Result<Matrix3<f64>, PlanError> {

@@ -37,6 +37,8 @@ pub(crate) struct Search<'a> {
     /// Largest gain that each candidate may still have, and what it told when that was computed.
     bounds: Vec<Gain>,
     told: Vec<Option<Told>>,
+    /// Candidates for which there is no time any more.
+    is_closed: Vec<bool>,
     /// W without the effects.
     points: Mat<f64>,
     objective: f64,
@@ -78,8 +80,8 @@ impl<'a> Search<'a> {
         let singular = || PlanError::Identify(abbe_identify::IdentifyError::Singular);
         let absolute = request.options.absolute_range;
         let design = Design::new(&information, weight, lines.len(), absolute).ok_or_else(singular)?;
-        let unbounded = Gain { volume: f64::INFINITY, determinant: f64::INFINITY };
-        let (bounds, told) = (vec![unbounded; candidates.len()], vec![None; candidates.len()]);
+        let (bounds, told) = (vec![Gain::UNBOUNDED; candidates.len()], vec![None; candidates.len()]);
+        let is_closed = vec![false; candidates.len()];
         let (chosen, stations) = (Vec::new(), lines.len());
         let mut search = Search {
             request,
@@ -91,6 +93,7 @@ impl<'a> Search<'a> {
             chosen,
             bounds,
             told,
+            is_closed,
             points,
             objective: 0.0,
             done: 0,
@@ -106,9 +109,14 @@ impl<'a> Search<'a> {
 
     /// Time of the chosen lines, with stations and holders (s).
     pub(crate) fn time_s(&self) -> f64 {
-        let lines: f64 = self.chosen.iter().map(|k| self.candidates[*k].time_s).sum();
-        let mut holders: Vec<(usize, usize)> =
-            self.chosen.iter().map(|k| (self.station[*k], self.candidates[*k].holder)).collect();
+        self.time_with_s(None)
+    }
+
+    /// The same with one more.
+    fn time_with_s(&self, more: Option<usize>) -> f64 {
+        let all = || self.chosen.iter().copied().chain(more);
+        let lines: f64 = all().map(|k| self.candidates[k].time_s).sum();
+        let mut holders: Vec<(usize, usize)> = all().map(|k| (self.station[k], self.candidates[k].holder)).collect();
         holders.sort_unstable();
         holders.dedup();
         let mut stations: Vec<usize> = holders.iter().map(|(station, _)| *station).collect();
@@ -142,6 +150,7 @@ impl<'a> Search<'a> {
         let is_open = |k: &usize| {
             station.is_none_or(|own| self.station[*k] == own)
                 && candidates[*k].time_s <= most_s
+                && !self.is_closed[*k]
                 && !self.chosen.contains(k)
         };
         let open: Vec<usize> = (0..candidates.len()).filter(is_open).collect();
@@ -183,14 +192,20 @@ impl<'a> Search<'a> {
         self.objective +=
             (self.design.volume() / before).ln() + DETERMINANT * lost.determinant / self.design.unknowns() as f64;
         self.chosen.remove(place);
-        self.told.fill(None);
+        self.forget();
         true
     }
 
     /// The plan as it was.
     fn take_back(&mut self, (design, chosen, objective): Kept) {
         (self.design, self.chosen, self.objective) = (design, chosen, objective);
+        self.forget();
+    }
+
+    /// What candidates told and could gain is no bound any more.
+    fn forget(&mut self) {
         self.told.fill(None);
+        self.bounds.fill(Gain::UNBOUNDED);
     }
 
     fn kept(&self) -> Kept {
@@ -210,6 +225,10 @@ impl<'a> Search<'a> {
 
     /// Gives every station its first lines, then adds the best until there is enough. False where it was stopped.
     pub(crate) fn fill(&mut self, until: Until, observe: &mut dyn FnMut(Progress) -> bool) -> bool {
+        self.is_closed.fill(false);
+        if self.told.iter().all(Option::is_none) {
+            self.look_again();
+        }
         for _ in 0..FEWEST_LINES {
             for station in 0..self.stations {
                 if self.lines_of(station) >= FEWEST_LINES {
@@ -224,14 +243,13 @@ impl<'a> Search<'a> {
         while self.variance_m2() > until.variance_m2 {
             let left_s = until.budget_s - self.time_s();
             let Some(line) = self.best(None, left_s) else { break };
+            // A holder that has to be changed for it costs more than its own time.
+            if self.time_with_s(Some(line)) > until.budget_s {
+                self.is_closed[line] = true;
+                continue;
+            }
             if !self.add(line) {
                 break;
-            }
-            if self.time_s() > until.budget_s {
-                // A holder that has to be changed for it costs more than its own time.
-                self.remove(self.chosen.len() - 1);
-                self.bounds[line] = Gain::NONE;
-                continue;
             }
             if !self.report(Stage::Lines, observe) {
                 return false;

@@ -10,7 +10,7 @@ use faer::Mat;
 const ROUNDING: f64 = 1e-8;
 /// Columns of a table, one a place, at least. Fewer are powers of a few quantities: where combinations of these tell little alone, the
 /// quantities go together, and what they would be is anybody's guess.
-const PLACES: usize = 16;
+pub(super) const PLACES: usize = 16;
 
 /// The combinations (columns, over the rows that are the columns given) that keep more than this share of what a column tells alone, or, of
 /// a table, of what they tell themselves; `left` is the information beside what is there already, `alone` that without it. They tell nothing

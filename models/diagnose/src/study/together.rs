@@ -7,7 +7,7 @@
 //! the gain is that of the whole likelihood: Σ ν ln(χ² before / χ² after) over the chains. The test has the degrees of freedom
 //! of the chain that has fewest. Each time the products of each chain's columns, which are taken once, are weighted: the rows are not needed again.
 
-use super::combinations::combinations;
+use super::combinations::{PLACES, combinations};
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, column, covariance_of, factor_above, joined, picked};
 use crate::score::{LEFT, Score, inverse_root, score};
@@ -157,7 +157,9 @@ impl Weighted {
 fn inverse(left: &Mat<f64>, alone: &Mat<f64>) -> Mat<f64> {
     let scale: Vec<f64> = (0..alone.nrows()).map(|k| inverse_root(alone[(k, k)])).collect();
     let equal = Mat::from_fn(scale.len(), scale.len(), |i, j| left[(i, j)] * scale[i] * scale[j]);
-    if factor_above(&equal, LEFT).is_some()
+    // Of a table, combinations are kept by what they tell themselves.
+    if scale.len() < PLACES
+        && factor_above(&equal, LEFT).is_some()
         && let Ok(whole) = Llt::new(equal.as_ref(), Side::Lower)
     {
         let inverse = whole.inverse();

@@ -8,7 +8,7 @@ use abbe_diagnose::stated;
 use abbe_files::{MachineFile, OrderChoice};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::verdict::{Finding, of_campaign};
-use abbe_identify::{IdentifyOptions, identify};
+use abbe_identify::{IdentifyError, IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_plan::u_over;
 use std::sync::Arc;
@@ -56,6 +56,9 @@ pub fn so_far(
     let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
     let fit = fit.map_err(|error| error.to_string())?;
+    if !goes_on() {
+        return Err(IdentifyError::Stopped.to_string());
+    }
     let (model, verdict) =
         stated(&fit, machine.instrument, campaign, of_campaign(campaign, &fit)).map_err(|error| error.to_string())?;
     let u_m = u_over(&model, &volume.reading_m, &volume.offsets_m).map_err(|error| error.to_string())?;
@@ -116,7 +119,7 @@ impl Drop for Fitter {
         self.is_stopped.store(true, Ordering::Relaxed);
         self.give = None;
         if let Some(thread) = self.thread.take() {
-            // A pass that has begun is ended first.
+            // A pass that has begun is ended first, and so is what follows the last.
             let _ = thread.join();
         }
     }
