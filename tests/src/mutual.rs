@@ -12,11 +12,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Circles that there are, as crate, files, how often one of them names another, and why: no others may come, none may grow or get denser,
 /// and one that is smaller or gone is listed so.
 pub const THERE_ARE: [(&str, &[&str], usize, &str); 10] = [
-    ("models/diagnose", &["diagnose", "together"], 0, "the diagnosis adds pairs, which are told by its own measure"),
+    ("models/diagnose", &["diagnose", "together"], 2, "the diagnosis adds pairs, which are told by its own measure"),
     (
         "models/diagnose",
         &["exchange", "search", "serial", "step", "within_stations"],
-        0,
+        10,
         "a search takes steps, exchanges what it found and asks stations alone, each by searches of its own",
     ),
     (
@@ -31,44 +31,44 @@ pub const THERE_ARE: [(&str, &[&str], usize, &str); 10] = [
             "study::view",
             "study::waves",
         ],
-        0,
+        20,
         "a candidate says what is told of it once it is found, by the view that it was found in",
     ),
     (
         "models/diagnose",
         &["study::filters", "study::series"],
-        0,
+        2,
         "filters are made by the description of the noise that is fitted through them",
     ),
     (
         "msgs",
         &["bag::convert", "bag::metadata"],
-        0,
+        2,
         "what is refused by its metadata is refused with its conversion, which reads their name",
     ),
-    ("nodes/graph", &["again", "driver"], 0, "a driver plays another one again"),
+    ("nodes/graph", &["again", "driver"], 2, "a driver plays another one again"),
     (
         "nodes/graph",
         &["driver::ippdme::mover", "driver::ippdme::session"],
-        0,
+        2,
         "the session's thread obeys the mover, who reads its talk",
     ),
     (
         "nodes/opcua",
         &["client", "cnc", "session"],
-        0,
+        4,
         "a client runs a session on what it asks, and the session reads a controller, whose reads end as its own do",
     ),
     (
         "nodes/runtime",
         &["ros::diagnostics", "ros::node", "ros::parameter_services", "ros::queued", "ros::trigger", "ros::writer"],
-        0,
+        13,
         "a node opens them, and they hold the node or its options",
     ),
     (
         "nodes/runtime",
         &["transport::zenoh::publisher", "transport::zenoh::session", "transport::zenoh::subscriber"],
-        0,
+        4,
         "a session opens them, and words their errors",
     ),
 ];

@@ -205,9 +205,9 @@ impl Design {
         let of_machine = root.subcols(0, self.unknowns()) * &self.weight;
         let mut spread = &of_machine * self.covariance.subrows(0, self.unknowns());
         spread -= faer::Scale(0.5) * (of_machine * root.subcols(0, self.unknowns()).transpose() * &root);
-        let half = root.transpose() * &spread;
-        self.spread -= &half + half.transpose();
         self.covariance -= root.transpose() * &root;
+        // Anew, since rounding of what is taken away by turns would pile up.
+        self.spread = self::spread(&self.covariance, &self.weight);
         self.inform(station, rows, 1.0);
         self.added.push(Added { rows: faer::concat![[root], [spread]] });
         Some(())
