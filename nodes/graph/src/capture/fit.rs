@@ -124,3 +124,40 @@ impl Drop for Fitter {
         }
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)] // A test fails by panicking.
+mod tests {
+    use super::*;
+    use abbe_files::read_machine;
+    use abbe_virtual_machine::effects::from_text;
+    use abbe_virtual_machine::environment::EnvironmentConfig;
+    use abbe_virtual_machine::instrument::InstrumentConfig;
+    use abbe_virtual_machine::plan::presets;
+    use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
+    use std::path::Path;
+
+    /// A machine whose errors no chain of rigid bodies describes: lines that are left out show more than the fit itself.
+    #[test]
+    fn the_uncertainty_so_far_holds_what_identification_would_add_to_that_of_the_fit() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/machines/bridge_xyz.toml");
+        let machine = read_machine(&file).unwrap();
+        let truth = TruthRecipe::default().bridge_xyz().unwrap();
+        let stroke_m = truth.stroke_m;
+        let undescribed =
+            "undescribed seed=3 of=x_mm of_from=0 of_to=800 and=y_mm and_from=0 and_to=600 along=z size_um=5";
+        let simulated = simulate_campaign(&SimulationConfig {
+            seed: 5,
+            plan: presets::plan_b(stroke_m, 5).build().unwrap(),
+            machine: truth,
+            instrument: InstrumentConfig::LASER_TRACER,
+            environment: EnvironmentConfig::constant(),
+            effects: vec![from_text(undescribed).unwrap()],
+        });
+        let volume =
+            Volume { reading_m: stroke_m.map(|[low_m, high_m]| (low_m, high_m)), offsets_m: vec![[0.0, 0.0, -0.06]] };
+        let said = so_far(&machine, &volume, &simulated.unwrap().campaign, || true).unwrap();
+        let of_fit_m = u_over(&said.model, &volume.reading_m, &volume.offsets_m).unwrap();
+        assert!(said.u_m > 1.05 * of_fit_m, "{} {of_fit_m}", said.u_m);
+    }
+}

@@ -582,24 +582,3 @@ fn the_motion_is_that_of_the_live_nodes() {
         assert!((value / taken.covariates[name] - 1.0).abs() < 1e-3, "{name}");
     }
 }
-
-/// A machine whose errors no chain of rigid bodies describes: lines that are left out show more than the fit itself.
-#[test]
-fn the_uncertainty_so_far_holds_what_identification_would_add_to_that_of_the_fit() {
-    let machine = machine();
-    let truth = abbe_virtual_machine::TruthRecipe::default().bridge_xyz().unwrap();
-    let stroke_m = truth.stroke_m;
-    let undescribed = "undescribed seed=3 of=x_mm of_from=0 of_to=800 and=y_mm and_from=0 and_to=600 along=z size_um=5";
-    let simulated = abbe_virtual_machine::simulate_campaign(&abbe_virtual_machine::SimulationConfig {
-        seed: 5,
-        plan: abbe_virtual_machine::plan::presets::plan_b(stroke_m, 5).build().unwrap(),
-        machine: truth,
-        instrument: abbe_virtual_machine::instrument::InstrumentConfig::LASER_TRACER,
-        environment: abbe_virtual_machine::environment::EnvironmentConfig::constant(),
-        effects: vec![abbe_virtual_machine::effects::from_text(undescribed).unwrap()],
-    });
-    let volume = Volume { reading_m: stroke_m.map(|[low_m, high_m]| (low_m, high_m)), offsets_m: vec![OFFSET_M] };
-    let said = so_far(&machine, &volume, &simulated.unwrap().campaign, || true).unwrap();
-    let of_fit_m = abbe_plan::u_over(&said.model, &volume.reading_m, &volume.offsets_m).unwrap();
-    assert!(said.u_m > 1.05 * of_fit_m, "{} {of_fit_m}", said.u_m);
-}
