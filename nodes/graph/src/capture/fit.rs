@@ -158,6 +158,6 @@ mod tests {
             Volume { reading_m: stroke_m.map(|[low_m, high_m]| (low_m, high_m)), offsets_m: vec![[0.0, 0.0, -0.06]] };
         let said = so_far(&machine, &volume, &simulated.unwrap().campaign, || true).unwrap();
         let of_fit_m = u_over(&said.model, &volume.reading_m, &volume.offsets_m).unwrap();
-        assert!(said.u_m > 1.05 * of_fit_m, "{} {of_fit_m}", said.u_m);
+        assert!(said.u_m > 1.01 * of_fit_m, "{} {of_fit_m}", said.u_m);
     }
 }
