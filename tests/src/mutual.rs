@@ -1,9 +1,8 @@
 //! Files of one crate that use each other, directly or by way of others.
 //!
 //! Place in the flow: the sources of one crate by module in, circles of them out. No file of a circle is read, tested or moved
-//! without the others. A file and those below it are no circle, and a way that
-//! leads from one to the other is not followed. Names are followed through what `mod.rs`
-//! and `lib.rs` pass on, so that a way around by the parent hides nothing. Code for tests is left out.
+//! without the others. A file and those below it are no circle, and a way that leads from one to the other is not followed. Names are
+//! followed through what `mod.rs` and `lib.rs` pass on, so that a way around by the parent hides nothing. Code for tests is left out.
 
 use crate::named::Named;
 use crate::source::Source;

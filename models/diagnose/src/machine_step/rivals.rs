@@ -5,7 +5,7 @@
 //! each is priced by its parameters alone, so that a step has to beat the best of them.
 
 use super::{Competing, PLANES, Scan};
-use crate::columns::varies;
+use crate::columns::{range, varies};
 use crate::error::DiagnoseError;
 use abbe_geometry::Vector3;
 use faer::Mat;
@@ -24,7 +24,7 @@ pub(super) fn any_beyond(
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<bool, DiagnoseError> {
     let readings = &scan.campaign.readings;
-    let (first_s, last_s) = crate::columns::range(readings.iter().map(|r| r.time_s));
+    let (first_s, last_s) = range(readings.iter().map(|r| r.time_s));
     let span_s = last_s - first_s;
     // Without times the order has to do.
     let along = |k: usize| match span_s > 0.0 {

@@ -8,8 +8,7 @@ use super::super::Run;
 use super::super::model::{axis_of, untold_bow, untold_growth};
 use super::super::shape::Shape;
 use super::{AxisRuns, Runs};
-use crate::columns::correlation;
-use crate::columns::range;
+use crate::columns::{correlation, range};
 use crate::study::candidate::{Open, Untold};
 use std::collections::BTreeSet;
 
