@@ -11,7 +11,7 @@ mod common;
 use std::net::Ipv4Addr;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -22,7 +22,7 @@ use abbe_runtime::ros::{
 };
 use common::network::in_own_network;
 use common::samples::PATIENCE;
-use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::dds::rustdds::{DomainParticipantBuilder, QosPolicies, TopicKind};
 use ros2_client::parameters::raw;
 use ros2_client::rcl_interfaces::{
     DescribeParametersRequest, DescribeParametersResponse, GetParametersRequest, GetParametersResponse,
@@ -206,7 +206,7 @@ fn diagnostics_and_standard_messages_arrive_under_their_remapped_names() {
     });
 }
 
-#[derive(Clone, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Empty {
     structure_needs_at_least_one_member: u8,
 }
@@ -241,6 +241,50 @@ fn a_trigger_service_runs_its_handler_and_ends_with_its_handle() {
         assert!(!second.success && second.message == "the file is cut off", "{second:?}");
         drop(service);
         drop(node);
+    });
+}
+
+/// A program calls as soon as it has found the service, which may be before the service has found its reader of replies.
+#[test]
+fn regress_a_caller_whose_reader_of_replies_comes_late_gets_its_reply() {
+    let test = "regress_a_caller_whose_reader_of_replies_comes_late_gets_its_reply";
+    in_own_network(test, |domain| {
+        let node = node(domain, "");
+        let calls = Arc::new(AtomicUsize::new(0));
+        let called = Arc::clone(&calls);
+        let service = node.trigger_service("~/reload", move || {
+            called.fetch_add(1, Ordering::SeqCst);
+            Ok("loaded".to_owned())
+        });
+        let service = service.unwrap();
+        let participant =
+            DomainParticipantBuilder::new(domain.id()).with_only_networks([Ipv4Addr::LOCALHOST]).build().unwrap();
+        let policies = QosPolicies::from(&service_qos());
+        let topic = |name: &str, part: &str| {
+            let kind = format!("std_srvs::srv::dds_::Trigger_{part}_");
+            participant.create_topic(name.to_owned(), kind, &policies, TopicKind::NoKey).unwrap()
+        };
+        let publisher = participant.create_publisher(&policies).unwrap();
+        let subscriber = participant.create_subscriber(&policies).unwrap();
+        let requests = topic("rq/geometric/reloadRequest", "Request");
+        let writer = publisher.create_datawriter_no_key_cdr::<Empty>(&requests, None).unwrap();
+        let deadline = Instant::now() + PATIENCE;
+        while calls.load(Ordering::SeqCst) == 0 {
+            assert!(Instant::now() < deadline, "no request arrives");
+            writer.write(Empty { structure_needs_at_least_one_member: 0 }, None).unwrap();
+            thread::sleep(Duration::from_millis(100));
+        }
+        let replies = topic("rr/geometric/reloadReply", "Response");
+        let mut reader = subscriber.create_datareader_no_key_cdr::<Outcome>(&replies, None).unwrap();
+        let reply = loop {
+            match reader.take_next_sample().unwrap() {
+                Some(reply) => break reply.into_value(),
+                None => thread::sleep(Duration::from_millis(2)),
+            }
+            assert!(Instant::now() < deadline, "{} calls, and no reply", calls.load(Ordering::SeqCst));
+        };
+        assert_eq!(reply, Outcome { success: true, message: "loaded".to_owned() });
+        drop(service);
     });
 }
 

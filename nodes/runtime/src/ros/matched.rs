@@ -4,7 +4,7 @@
 //! `/clock` as another type than it has in ROS 2, which makes every tool of the system refuse the topic.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,8 @@ const THERE_BEFORE: Duration = Duration::from_secs(1);
 const LISTED_WITHIN: Duration = Duration::from_secs(2);
 /// Time in which the rest of a list comes.
 const LIST_COMES: Duration = Duration::from_millis(50);
+/// Longest wait for the reader of a caller: it may be gone.
+const CALLER_COMES: Duration = Duration::from_millis(500);
 /// Who loses endpoints that are announced while it catches up (RTPS 2.5, section 9.3.1.4).
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 
@@ -119,6 +121,17 @@ impl Matched {
         lock(&self.readers).get(&writer).into_iter().flatten().copied().collect()
     }
 
+    /// Whether a reader of `topic` in the participant of `caller` is connected to a writer of this node.
+    fn has_reader(&self, participant: &DomainParticipant, caller: GUID, topic: &str) -> bool {
+        let readers = participant.discovered_readers().into_iter();
+        let mut of_caller = readers.filter(|reader| reader.reader_proxy.remote_reader_guid.prefix == caller.prefix);
+        let connected = lock(&self.readers);
+        of_caller.any(|reader| {
+            let guid = reader.reader_proxy.remote_reader_guid;
+            reader.subscription_topic_data.topic_name == topic && connected.values().any(|all| all.contains(&guid))
+        })
+    }
+
     fn is_of_fast_dds(&self, endpoint: GUID) -> bool {
         lock(&self.of_fast_dds).iter().any(|participant| participant.prefix == endpoint.prefix)
     }
@@ -151,6 +164,43 @@ impl Matched {
                 }
             }
             _ => {}
+        }
+    }
+}
+
+/// Those whom a node finds in the graph. Clones share them.
+#[derive(Clone)]
+pub(super) struct Others {
+    matched: Arc<Matched>,
+    participant: DomainParticipant,
+}
+
+impl Others {
+    pub(super) fn new(matched: &Arc<Matched>, participant: DomainParticipant) -> Self {
+        Self { matched: Arc::clone(matched), participant }
+    }
+
+    /// Before an endpoint is made: see [`Matched::await_calm`].
+    pub(super) fn await_calm(&self) {
+        self.matched.await_calm(&self.participant);
+    }
+
+    /// Waits until the reader of a caller for the replies of `topic` is connected, and tells whether it came to be.
+    ///
+    /// A program calls as soon as it has found both ends of a service. Its request may come before this node has taken
+    /// in its reader, and what is written until then never reaches it: nothing is kept for late readers of replies.
+    pub(super) fn await_reader(&self, caller: GUID, topic: &str) -> bool {
+        let (listener, began) = (self.participant.status_listener(), Instant::now());
+        loop {
+            std::iter::from_fn(|| listener.try_recv_status())
+                .for_each(|event| self.matched.note(&self.participant, event));
+            if self.matched.has_reader(&self.participant, caller, topic) {
+                return true;
+            }
+            if began.elapsed() >= CALLER_COMES {
+                return false;
+            }
+            thread::sleep(LOOK_UP);
         }
     }
 }

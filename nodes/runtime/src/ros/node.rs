@@ -21,7 +21,7 @@ use serde::de::DeserializeOwned;
 
 use super::diagnostics::Diagnostics;
 use super::endpoint::{dds_name, endpoint_error};
-use super::matched::Matched;
+use super::matched::{Matched, Others};
 use super::names::{self, NameError, NodeIdentity};
 use super::parameter_services::{Ask, ParameterServices};
 use super::parameter_values::Values;
@@ -128,14 +128,14 @@ impl RosNode {
             return Err(RosError::SecuredPeers);
         }
         let (context, introduced, matched) = participant(options.domain, options.enclave.as_ref())?;
-        let calm = || matched.await_calm(&context.domain_participant());
+        let others = Others::new(&matched, context.domain_participant());
         let mut node = create(&context, &options)?;
-        calm();
+        others.await_calm();
         let values = Arc::new(Values::open(&mut node, &options.identity)?);
-        let parameters = ParameterServices::open(&mut node, &options, (Arc::clone(&values), ask), &calm)?;
+        let parameters = ParameterServices::open(&mut node, &options, (Arc::clone(&values), ask), &others)?;
         let types = Types::default();
-        calm();
-        let descriptions = TypeDescriptions::open(&mut node, &options.identity, types.clone())?;
+        others.await_calm();
+        let descriptions = TypeDescriptions::open(&mut node, &others, &options.identity, types.clone())?;
         let node = Arc::new(Mutex::new(node));
         let (stop, stopped) = oneshot::channel();
         let (served, following, participant) = (Arc::clone(&node), Arc::clone(&matched), context.domain_participant());
@@ -256,8 +256,9 @@ impl RosNode {
         package: &str,
         service: &str,
     ) -> Result<Service<Request, Reply>, RosError> {
-        self.await_calm();
-        Service::open(&mut self.lock(), name, package, service)
+        let others = Others::new(&self.0.matched, self.0.context.domain_participant());
+        others.await_calm();
+        Service::open(&mut self.lock(), &others, name, package, service)
     }
 
     /// Before an endpoint is made.

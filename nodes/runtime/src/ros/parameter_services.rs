@@ -16,6 +16,7 @@ use ros2_client::{Node, Parameter, ParameterValue};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::matched::Others;
 use super::parameter_values::Values;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
 use super::service::Service;
@@ -43,14 +44,14 @@ pub(super) struct ParameterServices {
 }
 
 impl ParameterServices {
-    /// Opens them; `calm` is waited for before each.
+    /// Opens them; calm is waited for before each.
     pub(super) fn open(
         node: &mut Node,
         options: &NodeOptions,
         (now, ask): (Arc<Values>, Option<Ask>),
-        calm: &dyn Fn(),
+        others: &Others,
     ) -> Result<Self, RosError> {
-        let mut opener = Opener { node, calm, prefix: options.identity.qualified() };
+        let mut opener = Opener { node, others, prefix: options.identity.qualified() };
         Ok(Self {
             table: options.parameters.clone(),
             now,
@@ -136,7 +137,7 @@ impl ParameterServices {
 
 struct Opener<'a> {
     node: &'a mut Node,
-    calm: &'a dyn Fn(),
+    others: &'a Others,
     prefix: String,
 }
 
@@ -146,8 +147,8 @@ impl Opener<'_> {
         Request: DeserializeOwned,
         Reply: Serialize,
     {
-        (self.calm)();
-        Service::open(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
+        self.others.await_calm();
+        Service::open(self.node, self.others, &format!("{}/{name}", self.prefix), PACKAGE, service)
     }
 }
 

@@ -23,8 +23,12 @@ use serde::ser::SerializeTuple;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::endpoint::{dds_name, endpoint_error};
+use super::matched::Others;
 use super::{RosError, service_qos};
 
+/// Names of topics of replies begin and end so (ROS 2 on DDS).
+const REPLIES: &str = "rr";
+const REPLY: &str = "Reply";
 /// Head of requests and replies of Cyclone DDS.
 const HEAD: usize = 16;
 /// Writers pad a message to a multiple of four or eight bytes.
@@ -42,6 +46,9 @@ pub(super) struct EmptyRequest {
 /// A service that is open.
 pub(super) struct Service<Request, Reply> {
     name: String,
+    others: Others,
+    /// Of the replies, as DDS has it.
+    topic: String,
     server: Server<Bytes, Bytes>,
     refused: Cell<u64>,
     of: PhantomData<fn(Request) -> Reply>,
@@ -49,7 +56,13 @@ pub(super) struct Service<Request, Reply> {
 
 impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
     /// Opens the service `name`, an absolute name, of type `package/srv/service`.
-    pub(super) fn open(node: &mut Node, name: &str, package: &str, service: &str) -> Result<Self, RosError> {
+    pub(super) fn open(
+        node: &mut Node,
+        others: &Others,
+        name: &str,
+        package: &str,
+        service: &str,
+    ) -> Result<Self, RosError> {
         let server = node.create_server(
             ServiceMapping::Enhanced,
             &dds_name(name)?,
@@ -58,7 +71,8 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
             service_qos(),
         );
         let server = server.map_err(|source| endpoint_error("service", name, source))?;
-        Ok(Self { name: name.to_owned(), server, refused: Cell::new(0), of: PhantomData })
+        let (others, topic) = (others.clone(), format!("{REPLIES}{name}{REPLY}"));
+        Ok(Self { name: name.to_owned(), others, topic, server, refused: Cell::new(0), of: PhantomData })
     }
 
     /// Answers every request with `reply`, for ever.
@@ -76,7 +90,11 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
                 self.refuse(&format!("{} bytes that are not a request of this service", bytes.len()));
                 continue;
             };
-            let sent = match written(head, &reply(request).await) {
+            let written = written(head, &reply(request).await);
+            if !self.others.await_reader(id.writer_gid.into(), &self.topic) {
+                tracing::warn!(service = self.name, "who asked has gone, or takes no reply");
+            }
+            let sent = match written {
                 Ok(bytes) => self.server.async_send_response(id, Bytes(bytes)).await.map_err(|error| error.to_string()),
                 Err(reason) => Err(reason),
             };

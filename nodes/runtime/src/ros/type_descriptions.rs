@@ -14,6 +14,7 @@ use ros2_client::Node;
 use serde::{Deserialize, Serialize};
 
 use super::RosError;
+use super::matched::Others;
 use super::names::NodeIdentity;
 use super::service::Service;
 use crate::lock::lock;
@@ -71,8 +72,14 @@ pub(super) struct TypeDescriptions {
 }
 
 impl TypeDescriptions {
-    pub(super) fn open(node: &mut Node, identity: &NodeIdentity, types: Types) -> Result<Self, RosError> {
-        let service = Service::open(node, &format!("{}/{NAME}", identity.qualified()), PACKAGE, "GetTypeDescription")?;
+    pub(super) fn open(
+        node: &mut Node,
+        others: &Others,
+        identity: &NodeIdentity,
+        types: Types,
+    ) -> Result<Self, RosError> {
+        let name = format!("{}/{NAME}", identity.qualified());
+        let service = Service::open(node, others, &name, PACKAGE, "GetTypeDescription")?;
         Ok(Self { types, service })
     }
 
