@@ -8,6 +8,7 @@
 //! without priors it is the partial F test).
 
 use crate::error::DiagnoseError;
+use abbe_identify::{in_parallel, trace_of_product};
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
 use std::borrow::Borrow;
@@ -109,8 +110,7 @@ impl Linear {
         let llt = Llt::new(covariance.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
         let root = llt.L().to_owned();
         // tr(J V Jᵀ) = tr(V JᵀJ): the rows are not needed again.
-        let columns = covariance.col_iter().zip(normal.col_iter());
-        let taken: f64 = columns.map(|(v, n)| v.iter().zip(n.iter()).map(|(v, n)| v * n).sum::<f64>()).sum();
+        let taken = trace_of_product(covariance.as_ref(), normal.as_ref());
         let chi2 = residuals.iter().map(|r| r * r).sum();
         let degrees = (used as f64 - taken).max(1.0);
         let (spread, directions) = (OnceLock::new(), Arc::default());
@@ -258,8 +258,7 @@ impl Linear {
     /// What groups of columns would tell of the residuals; their columns are projected together, which is several times
     /// faster than one by one.
     pub fn project_all(&self, groups: &[Mat<f64>]) -> Vec<Projected> {
-        let mut projected = Vec::with_capacity(groups.len());
-        let mut rest = groups;
+        let (mut batches, mut rest) = (Vec::new(), groups);
         while !rest.is_empty() {
             let mut count = 0;
             let fits = |group: &&Mat<f64>| {
@@ -267,10 +266,10 @@ impl Linear {
                 count <= TOGETHER
             };
             let (batch, later) = rest.split_at(rest.iter().take_while(fits).count().max(1));
-            projected.extend(self.project_batch(batch));
+            batches.push(batch);
             rest = later;
         }
-        projected
+        in_parallel(&batches, |batch| self.project_batch(batch)).concat()
     }
 
     fn project_batch(&self, groups: &[Mat<f64>]) -> Vec<Projected> {

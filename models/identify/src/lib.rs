@@ -106,7 +106,7 @@ pub use evidence::{CorrelatedNoise, CorrelatedPair, ErrorEvidence, Evidence, Rej
 pub use foresee::foresee;
 pub use identified::Identified;
 pub use lagged::with_lagged;
-pub use linear::{dot, log_determinant, symmetric_eigen};
+pub use linear::{dot, log_determinant, symmetric_eigen, trace_of_product};
 pub use model_rows::ModelRows;
 pub use options::{IdentifyOptions, Noise, OrderChoice, Progress, U_ABSOLUTE_ZERO_M};
 pub use parallel::in_parallel;

@@ -4,7 +4,7 @@
 //! large factorisations (measured faster than nalgebra at this size, several-fold).
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
-use faer::{Mat, Side};
+use faer::{Mat, MatRef, Side};
 
 /// Sums that run side by side.
 const LANES: usize = 4;
@@ -55,6 +55,11 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// ln det of a matrix by its Cholesky factor.
 pub fn log_determinant(factor: &Llt<f64>) -> f64 {
     (0..factor.L().nrows()).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum()
+}
+
+/// tr(AᵀB): the sum of the products of the elements.
+pub fn trace_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> f64 {
+    a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum::<f64>()).sum()
 }
 
 /// Symmetric matrix of the free parameters, both triangles filled, from a row-major upper triangle.

@@ -10,7 +10,9 @@
 //! What a line would tell, V and J S Jᵀ, is brought up to date by what has been added since it was looked at, r products with R in place of
 //! r products with C and S.
 
-use abbe_identify::{STATION_PARAMETERS, SplitRows, U_ABSOLUTE_ZERO_M, log_determinant, symmetric_eigen};
+use abbe_identify::{
+    STATION_PARAMETERS, SplitRows, U_ABSOLUTE_ZERO_M, log_determinant, symmetric_eigen, trace_of_product,
+};
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, MatRef, Side};
 
@@ -98,7 +100,7 @@ impl Told {
         let root = root_of(&self.seen, 1.0)?;
         let of_station = log_determinant(&Llt::new((station + own).as_ref(), Side::Lower).ok()?)
             - log_determinant(&Llt::new(station.as_ref(), Side::Lower).ok()?);
-        let volume = trace_of_product(&root.inverse(), &self.spread);
+        let volume = trace_of_product(root.inverse().as_ref(), self.spread.as_ref());
         Some(Gain { volume, determinant: log_determinant(&root) - of_station })
     }
 }
@@ -131,9 +133,8 @@ impl Design {
 
     /// Mean of what a quadratic form of the machine's parameters has for variance: tr(C M).
     pub(crate) fn mean(&self, form: &Mat<f64>) -> f64 {
-        (0..form.ncols())
-            .map(|j| self.covariance.col_as_slice(j).iter().zip(form.col_as_slice(j)).map(|(c, m)| c * m).sum::<f64>())
-            .sum()
+        let of_machine = self.covariance.submatrix(0, 0, form.nrows(), form.ncols());
+        trace_of_product(of_machine, form.as_ref())
     }
 
     /// Number of the machine's parameters.
@@ -188,7 +189,7 @@ impl Design {
         let of_station = self.station_without(station, rows);
         let lost = log_determinant(&Llt::new(self.stations[station].as_ref(), Side::Lower).ok()?)
             - log_determinant(&Llt::new(of_station.as_ref(), Side::Lower).ok()?);
-        let volume = trace_of_product(&root.inverse(), &spread);
+        let volume = trace_of_product(root.inverse().as_ref(), spread.as_ref());
         Some(Gain { volume, determinant: -log_determinant(&root) - lost })
     }
 
@@ -271,11 +272,6 @@ pub(crate) fn inverse(matrix: &Mat<f64>) -> Option<Mat<f64>> {
     Some(Mat::from_fn(n, n, |i, j| inverse[(i, j)] * scale[i] * scale[j]))
 }
 
-/// tr(A B) of symmetric matrices.
-pub(crate) fn trace_of_product(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
-    a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum::<f64>()).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -321,8 +317,8 @@ mod tests {
         let covariance = inverse(&normal).unwrap();
         let machine = Mat::from_fn(UNKNOWNS, UNKNOWNS, |i, j| covariance[(i, j)]);
         let root = Llt::new(inverse(&machine).unwrap().as_ref(), Side::Lower).unwrap();
-        let determinant = (0..UNKNOWNS).map(|k| 2.0 * root.L()[(k, k)].ln()).sum();
-        (trace_of_product(&machine, &start().weight), determinant)
+        let determinant = log_determinant(&root);
+        (trace_of_product(machine.as_ref(), start().weight.as_ref()), determinant)
     }
 
     #[test]

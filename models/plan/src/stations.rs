@@ -7,11 +7,11 @@
 use crate::candidates::{Candidate, Path, corner_m, seen_from};
 use crate::check::wrong;
 use crate::covariates::of_candidate;
-use crate::design::{inverse, trace_of_product};
+use crate::design::inverse;
 use crate::error::PlanError;
 use crate::request::{Progress, Request, Stage};
 use crate::sight::{self, Place};
-use abbe_identify::{PlannedRows, in_parallel};
+use abbe_identify::{PlannedRows, in_parallel, trace_of_product};
 use faer::Mat;
 use faer::Side;
 use faer::linalg::solvers::{Llt, Solve};
@@ -162,7 +162,8 @@ impl Scale<'_> {
     fn variance(&self, set: impl Iterator<Item = usize>, lines: f64) -> f64 {
         let mut information = self.prior.clone();
         set.for_each(|k| information += faer::Scale(lines) * &self.all[k].per_line);
-        inverse(&information).map_or(f64::INFINITY, |covariance| trace_of_product(&covariance, self.weight))
+        let of = |covariance: Mat<f64>| trace_of_product(covariance.as_ref(), self.weight.as_ref());
+        inverse(&information).map_or(f64::INFINITY, of)
     }
 
     /// Replaces stands by better ones until none is better.

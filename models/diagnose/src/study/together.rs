@@ -5,12 +5,14 @@
 //! that component's rows alone, and its share of them is seen; in the sum over all chains the same change of one component
 //! drowns among the others. So the deviations are estimated anew beside the columns, as the fit will do that has them, and
 //! the gain is that of the whole likelihood: Σ ν ln(χ² before / χ² after) over the chains. The test has the degrees of freedom
-//! of the chain that has fewest. Each time the products of each chain's columns, which are taken once, are weighted: the rows are not needed again.
+//! of the chain that has fewest. Each time the products of each chain's columns, which are taken once, are weighted: the
+//! rows are not needed again.
 
 use super::combinations::{PLACES, combinations};
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, column, covariance_of, factor_above, joined, picked};
 use crate::score::{LEFT, Score, inverse_root, score};
+use abbe_identify::trace_of_product;
 use abbe_measurement::chance::beyond;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, Scale, Side};
@@ -62,26 +64,27 @@ fn together(fit: &Linear, rows: &[Vec<usize>], whitened: &Mat<f64>) -> Result<Sc
     let beside: Vec<usize> = (0..columns.nrows()).filter(|row| is_beside[*row]).collect();
     let (beside, own) = (of(&beside), fit.jacobian().ncols());
     let mut deviations = vec![1.0; chains.len()];
-    let mut all = Weighted::new(&beside, &chains, &deviations, own)?;
-    let mut left = all.left(&chains, &deviations);
-    for _ in 0..PASSES {
-        let mut largest: f64 = 0.0;
-        for (deviation, (chi2, degrees)) in deviations.iter_mut().zip(&left) {
-            let change = (chi2 / degrees).sqrt().max(f64::MIN_POSITIVE);
-            *deviation *= change;
-            largest = largest.max((change - 1.0).abs());
+    let mut passes = 0;
+    loop {
+        let all = Weighted::new(&beside, &chains, &deviations, own)?;
+        let left = all.left(&chains, &deviations);
+        let changes: Vec<f64> =
+            left.iter().map(|(chi2, degrees)| (chi2 / degrees).sqrt().max(f64::MIN_POSITIVE)).collect();
+        if passes == PASSES || changes.iter().all(|change| (change - 1.0).abs() < SETTLED) {
+            return Ok(scored(&all, &chains, &left, &deviations));
         }
-        all = Weighted::new(&beside, &chains, &deviations, own)?;
-        left = all.left(&chains, &deviations);
-        if largest < SETTLED {
-            break;
-        }
+        passes += 1;
+        deviations.iter_mut().zip(changes).for_each(|(deviation, change)| *deviation *= change);
     }
+}
+
+/// The score in the noise of these deviations; of each chain χ² with the columns, and its degrees of freedom, are given.
+fn scored(all: &Weighted, chains: &[Products], left: &[(f64, f64)], deviations: &[f64]) -> Score {
     let score = score(&all.group, all.chi2, all.degrees);
     if score.degrees == 0 {
-        return Ok(score);
+        return score;
     }
-    let each = chains.iter().zip(&left).zip(&deviations);
+    let each = chains.iter().zip(left).zip(deviations);
     let gain = each.map(|((before, (chi2, degrees)), deviation)| {
         degrees * (before.chi2 / (chi2 * deviation * deviation).max(f64::MIN_POSITIVE)).ln()
     });
@@ -89,7 +92,7 @@ fn together(fit: &Linear, rows: &[Vec<usize>], whitened: &Mat<f64>) -> Result<Sc
     let fewest = left.iter().map(|(_, degrees)| *degrees).fold(f64::INFINITY, f64::min);
     let statistic = score.reduction / score.degrees as f64;
     let p_value = FisherSnedecor::new(score.degrees as f64, fewest).map_or(1.0, |f| beyond(&f, statistic));
-    Ok(Score { gain, p_value, ..score })
+    Score { gain, p_value, ..score }
 }
 
 impl Products {
@@ -109,7 +112,9 @@ impl Products {
 
     /// χ² where the columns have these parameters.
     fn chi2_at(&self, parameters: &Mat<f64>) -> f64 {
-        (self.chi2 - 2.0 * inner(&self.along, parameters) + inner(parameters, &(&self.square * parameters))).max(0.0)
+        (self.chi2 - 2.0 * trace_of_product(self.along.as_ref(), parameters.as_ref())
+            + trace_of_product(parameters.as_ref(), (&self.square * parameters).as_ref()))
+        .max(0.0)
     }
 }
 
@@ -126,7 +131,7 @@ impl Weighted {
         let left = &alone - shared.transpose() * &reach;
         let moved = &covariance * all.along.subrows(0, own);
         let gradient = all.along.subrows(own, new) - shared.transpose() * &moved;
-        let chi2 = all.chi2 - inner(&all.along.subrows(0, own).to_owned(), &moved);
+        let chi2 = all.chi2 - trace_of_product(all.along.subrows(0, own), moved.as_ref());
         let degrees = (all.rows as f64 - own as f64).max(1.0);
         let group = Projected { gradient: gradient.col_as_slice(0).to_vec(), alone, left };
         Ok(Weighted { group, chi2, degrees, covariance, reach, moved })
@@ -146,7 +151,7 @@ impl Weighted {
         });
         let of_chain = |(chain, deviation): (&Products, &f64)| {
             let weight = deviation.powi(-2);
-            let taken = weight * inner(&covariance, &chain.square);
+            let taken = weight * trace_of_product(covariance.as_ref(), chain.square.as_ref());
             (weight * chain.chi2_at(&parameters), (chain.rows as f64 - taken).max(1.0))
         };
         chains.iter().zip(deviations).map(of_chain).collect()
@@ -169,11 +174,6 @@ fn inverse(left: &Mat<f64>, alone: &Mat<f64>) -> Mat<f64> {
     let told = map.transpose() * left * &map;
     let each = Mat::from_fn(map.nrows(), map.ncols(), |i, j| map[(i, j)] / told[(j, j)].max(f64::MIN_POSITIVE));
     each * map.transpose()
-}
-
-/// Sum of the products of the elements: of two columns, or tr(AᵀB).
-fn inner(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
-    a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum::<f64>()).sum()
 }
 
 fn stacked(above: &Mat<f64>, below: &Mat<f64>) -> Mat<f64> {
