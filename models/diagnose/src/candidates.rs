@@ -10,7 +10,7 @@ use crate::score::{Score, score, sections};
 use abbe_geometry::effects::{Known, REGISTRY, Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
-use abbe_identify::{EffectTerm, Identified, Rows};
+use abbe_identify::{EffectTerm, Identified, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
@@ -115,10 +115,8 @@ pub(crate) fn score_all(
     round: &Round,
     terms: Vec<(&'static Known, EffectTerm, usize)>,
 ) -> Result<Vec<Candidate>, DiagnoseError> {
-    let columns = terms
-        .iter()
-        .map(|(_, term, _)| round.rows.columns(term.effect.as_ref()))
-        .collect::<Result<Vec<Mat<f64>>, _>>()?;
+    let of_term = |(_, term, _): &(&'static Known, EffectTerm, usize)| round.rows.columns(term.effect.as_ref());
+    let columns = in_parallel(&terms, of_term).into_iter().collect::<Result<Vec<Mat<f64>>, _>>()?;
     let projected = round.free.project_all(&columns);
     let scored = |((known, term, trials), projected): ((&'static Known, EffectTerm, usize), Projected)| {
         let (score, absorbed) = (round.score(&projected), projected.absorbed());

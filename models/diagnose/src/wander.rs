@@ -14,32 +14,32 @@
 //! Y, Z): it stands in the uncertainty of the model. Whether it was the machine or the stations, and by which cause, is not told.
 
 use crate::candidates::Round;
-use crate::columns::range;
 use crate::context::Context;
 use crate::error::DiagnoseError;
+use crate::linear::Projected;
 use crate::options::DiagnoseOptions;
 use crate::quadratic_form::p_of_form;
 use crate::score::golden_section;
 use crate::taken::Taken;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
-use abbe_geometry::effects::is_derived;
 use abbe_geometry::model::{MachineModel, ModelError, packed};
 use abbe_identify::verdict::{Cause, Finding, Grade, Subject};
-use abbe_identify::{Identified, TIME, symmetric_eigen};
+use abbe_identify::{Identified, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_measurement::subset::spread;
 use faer::Mat;
 
+mod courses;
 mod cycles;
 mod instead;
+mod motions;
+
+use courses::{Course, courses, in_course_of_time};
+use motions::{Motions, Places, Span, is_same};
 
 pub use instead::Slow;
 
-/// Half cycles of a course in time.
-const HALF_CYCLES: usize = 8;
-/// Shares of the campaign in which what comes to rest does so.
-const RESTS_IN: [f64; 2] = [0.15, 0.5];
 /// Probability below which they are all alike: a difference to one half that a number still holds.
 const LEAST_P: f64 = 1e-15;
 /// Eigenvalue, as a share of the largest, from which a direction is seen.
@@ -52,12 +52,8 @@ const FEWEST_DEGREES: f64 = 50.0;
 const MANY: usize = 6000;
 /// χ² per degree of freedom from which a residual tells by itself that the model lacks something.
 const TOLD_BY_RESIDUAL: f64 = 1.5;
-/// Where the square of each coordinate stands among the forms.
-const SQUARES: [usize; 3] = [4, 7, 9];
 /// Size that readers are told (m).
 const SMALLEST_M: f64 = 5e-9;
-/// Axes as readers know them.
-const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// ln σ²λ over the noise between which the estimate lies, λ the largest.
 const LN_RATIO: (f64, f64) = (-7.0, 14.0);
 
@@ -146,12 +142,10 @@ pub(crate) fn find(
     let slow = courses(campaign, context, &seen.used).into_iter().map(|course| (course, Motions::each(&seen.places)));
     let returning = cycle.map(|course| (course, Motions::sets(&seen.places)));
     for (course, sets) in slow.chain(returning).collect::<Vec<(Course, Vec<Motions>)>>() {
-        for motions in sets.into_iter().chain(Motions::families(&seen.places)) {
-            if !go_on() {
-                return Err(DiagnoseError::Stopped);
-            }
-            looks.extend(seen.look(motions, &course).tested());
+        if !go_on() {
+            return Err(DiagnoseError::Stopped);
         }
+        looks.extend(seen.of_sets([sets, Motions::families(&seen.places).to_vec()].concat(), &course));
     }
     Ok(seen.wander(model, campaign, &looks, options.significance))
 }
@@ -173,7 +167,7 @@ pub(crate) fn in_time(
     let (fit, campaign) = (&fit.of_readings(&part), &campaign.part(&part));
     let round = Round::new(fit, instrument, campaign)?;
     let seen = Seen::of(&round, campaign, span);
-    let looks = seen.in_course(&in_course_of_time(campaign, &seen.used));
+    let looks = seen.in_course(&in_course_of_time(campaign, &seen.used), Vec::new());
     Ok(seen.wander(&fit.model, campaign, &looks, significance))
 }
 
@@ -190,14 +184,21 @@ impl<'s> Seen<'s> {
         Seen { round, used, places: Places::of(campaign, span) }
     }
 
-    /// Each motion, and each family of them, in this course.
-    fn in_course(&self, course: &Course) -> Vec<Tested<'_>> {
-        let sets = Motions::each(&self.places).into_iter().chain(Motions::families(&self.places));
-        self.of_sets(sets, course)
+    /// Each motion, each family of them, and further sets in this course.
+    fn in_course(&self, course: &Course, further: Vec<Motions>) -> Vec<Tested<'_>> {
+        let families = Motions::families(&self.places).to_vec();
+        self.of_sets([Motions::each(&self.places), families, further].concat(), course)
     }
 
-    fn of_sets(&self, sets: impl IntoIterator<Item = Motions>, course: &Course) -> Vec<Tested<'_>> {
-        sets.into_iter().filter_map(|motions| self.look(motions, course).tested()).collect()
+    /// Each set of motions in this course. Sets share motions, and the columns of all go through the products with the fit once.
+    fn of_sets(&self, sets: Vec<Motions>, course: &Course) -> Vec<Tested<'_>> {
+        let all = self.look(Motions::all_of(&sets), course);
+        let projected = self.round.free.project(all.columns().as_ref());
+        let of_set = |motions: Motions| {
+            let own = projected.pick(&all.places_of(&motions));
+            self.look(motions, course).tested(&own)
+        };
+        sets.into_iter().filter_map(of_set).collect()
     }
 
     fn look(&self, motions: Motions, course: &Course) -> Look<'_> {
@@ -281,178 +282,6 @@ fn together(p_values: impl Iterator<Item = f64>) -> f64 {
     if count == 0.0 { 1.0 } else { 0.5 - (sum / count).atan() / std::f64::consts::PI }
 }
 
-/// What a motion may follow.
-#[derive(Debug, Clone, PartialEq)]
-struct Course {
-    /// What it is called.
-    follows: String,
-    /// Its parts at all readings, each about its mean over the readings used, with its weight.
-    parts: Vec<Vec<f64>>,
-    /// Courses of this kind of which it is the best.
-    tried: f64,
-    /// Whether it comes back, again and again.
-    returns: bool,
-}
-
-/// Share of the campaign that has passed at each reading. Without times the order has to do.
-fn passed(campaign: &Campaign, used: &[usize]) -> Vec<f64> {
-    let readings = &campaign.readings;
-    let (first_s, last_s) = range(used.iter().map(|k| readings[*k].time_s));
-    let of = |k: usize| match last_s > first_s {
-        true => (readings[k].time_s - first_s) / (last_s - first_s),
-        false => k as f64 / readings.len() as f64,
-    };
-    (0..readings.len()).map(of).collect()
-}
-
-/// What is slow, whatever it is.
-fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
-    let passed = passed(campaign, used);
-    let wave = |halves: usize| {
-        let of = |passed: &f64| (std::f64::consts::PI * halves as f64 * passed).cos() / halves as f64;
-        about_mean(passed.iter().map(of).collect(), used)
-    };
-    Course { follows: TIME.to_owned(), parts: (1..=HALF_CYCLES).map(wave).collect(), tried: 1.0, returns: false }
-}
-
-/// What goes on evenly, and what comes to rest: in such a share of the campaign all but a third is done.
-fn steady_courses(campaign: &Campaign, used: &[usize]) -> Vec<Course> {
-    let passed = passed(campaign, used);
-    let evenly = passed.clone();
-    let resting = RESTS_IN.map(|share| passed.iter().map(|passed| -(-passed / share).exp_m1()).collect());
-    let of =
-        |values| Course { follows: TIME.to_owned(), parts: vec![about_mean(values, used)], tried: 1.0, returns: false };
-    std::iter::once(evenly).chain(resting).map(of).collect()
-}
-
-/// Courses that are slow, or were logged.
-fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<Course> {
-    let of = |follows: &str, parts| Course { follows: follows.to_owned(), parts, tried: 1.0, returns: false };
-    let mut all = vec![in_course_of_time(campaign, used)];
-    // What is slow, as it was logged: neither the side of approach nor what lags behind another one.
-    let slow = context.varying.iter().filter(|name| *name != TIME && !is_derived(name) && !name.starts_with("dir_"));
-    for name in slow {
-        let Some(column) = campaign.covariates.iter().find(|column| column.name == *name) else { continue };
-        let Some(values) = column.values.iter().copied().collect::<Option<Vec<f64>>>() else { continue };
-        let values = about_mean(values, used);
-        let square = used.iter().map(|k| values[*k].powi(2)).sum::<f64>() / used.len().max(1) as f64;
-        if square > 0.0 {
-            all.push(of(name, vec![values.into_iter().map(|value| value / square.sqrt()).collect()]));
-        }
-    }
-    all
-}
-
-/// Values about their mean over the readings used.
-fn about_mean(values: Vec<f64>, used: &[usize]) -> Vec<f64> {
-    let mean = used.iter().map(|k| values[*k]).sum::<f64>() / used.len().max(1) as f64;
-    values.into_iter().map(|value| value - mean).collect()
-}
-
-/// Motions of the tip: which form of the place moves it along which axis, and by how much (m per unit).
-#[derive(Clone)]
-struct Motions(Vec<(usize, usize, f64)>);
-
-impl Motions {
-    /// Shifts, scales along the axes and angles between them; one unit is 1 m, and 1 rad.
-    fn linear(places: &Places) -> Motions {
-        let shifts = (0..3).map(|d| (d, 0, 1.0));
-        let scales = (0..3).flat_map(|d| (d..3).map(move |by| (d, 1 + by, places.half_span_m[by])));
-        Motions(shifts.chain(scales).collect())
-    }
-
-    /// What is linear, and what is quadratic.
-    fn families(places: &Places) -> [Motions; 2] {
-        [Motions::linear(places), Motions::quadratic(places)]
-    }
-
-    /// Each motion by itself.
-    fn each(places: &Places) -> Vec<Motions> {
-        Motions::quadratic(places).0.into_iter().map(|motion| Motions(vec![motion])).collect()
-    }
-
-    /// Along each axis what goes with one coordinate: shift, tilt and bow.
-    fn bows(places: &Places) -> Vec<Motions> {
-        let all = Motions::quadratic(places).0;
-        let is_of = |form: usize, by: usize| form == 0 || form == 1 + by || form == SQUARES[by];
-        let one = |(d, by): (usize, usize)| {
-            Motions(all.iter().copied().filter(|motion| motion.0 == d && is_of(motion.1, by)).collect())
-        };
-        (0..3).flat_map(|d| (0..3).map(move |by| (d, by))).map(one).collect()
-    }
-
-    /// Each shift, stretch and angle by itself; all motions of one axis.
-    fn sets(places: &Places) -> Vec<Motions> {
-        let each =
-            |d: usize| (0..4).map(move |form| (d, form, if form == 0 { 1.0 } else { places.half_span_m[form - 1] }));
-        let mut sets: Vec<Motions> = (0..3).flat_map(each).map(|motion| Motions(vec![motion])).collect();
-        let all = Motions::quadratic(places);
-        let along = |d: usize| Motions(all.0.iter().copied().filter(|motion| motion.0 == d).collect());
-        sets.extend((0..3).map(along));
-        sets
-    }
-
-    /// Whether it asks for several motions of all axes. Those alone decide whether a machine wanders: a look for each motion would cost more than
-    /// it sees. Which of all sets it is, the likelihood tells.
-    fn is_family(&self) -> bool {
-        (1..3).all(|d| self.0.iter().any(|motion| motion.0 == d))
-    }
-
-    /// What it is, where it is one motion.
-    fn alone(&self) -> Option<String> {
-        let [(d, form, _)] = self.0.as_slice() else { return None };
-        let axis = AXES[*d];
-        Some(match form.checked_sub(1) {
-            None => format!("a motion of all along {axis}"),
-            Some(by) if by == *d => format!("a stretch along {axis}"),
-            Some(by) => format!("a motion along {axis} in proportion to the reading of {}", AXES[by]),
-        })
-    }
-
-    /// What is linear, and bows: what is quadratic in the readings, at the ends of the strokes as large as what is linear.
-    fn quadratic(places: &Places) -> Motions {
-        let half_m = places.half_span_m;
-        let pairs = (0..3).flat_map(|a| (a..3).map(move |b| (a, b)));
-        let forms = pairs.enumerate().map(|(k, (a, b))| (4 + k, half_m[a].min(half_m[b])));
-        let mut motions = Motions::linear(places);
-        motions.0.extend(forms.flat_map(|(form, size_m)| (0..3).map(move |d| (d, form, size_m))));
-        motions
-    }
-}
-
-/// Where a campaign has moved the machine: the same for all fits of it, whichever readings they reject, so that what they tell can be added.
-/// Readings outside the strokes were refused.
-#[derive(Debug, Clone, Copy)]
-struct Span {
-    middle_m: [f64; 3],
-    half_m: [f64; 3],
-}
-
-impl Span {
-    /// Of all readings. Along an axis that was not moved, the longest span stands in.
-    fn of(campaign: &Campaign) -> Span {
-        let ends: [(f64, f64); 3] = std::array::from_fn(|d| range(campaign.readings.iter().map(|r| r.reading_m[d])));
-        let middle_m = ends.map(|(low, high)| f64::midpoint(low, high));
-        let longest_m = ends.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
-        let half_m = ends.map(|(low, high)| if high > low { 0.5 * (high - low) } else { 0.5 * longest_m });
-        Span { middle_m, half_m }
-    }
-}
-
-/// Where the machine stood at each reading.
-struct Places {
-    middle_m: [f64; 3],
-    half_span_m: [f64; 3],
-    forms: Vec<[f64; FORMS]>,
-}
-
-impl Places {
-    fn of(campaign: &Campaign, Span { middle_m, half_m: half_span_m }: Span) -> Places {
-        let forms = campaign.readings.iter().map(|r| VarianceByPlace::forms(middle_m, half_span_m, r.reading_m));
-        Places { middle_m, half_span_m, forms: forms.collect() }
-    }
-}
-
 /// Motions times courses, against the rows.
 struct Look<'l> {
     round: &'l Round<'l>,
@@ -486,11 +315,16 @@ impl<'l> Look<'l> {
         !self.course.returns && self.motions.0.len() == 1
     }
 
-    /// `None` where the rows are too few, or show nothing of it.
-    fn tested(self) -> Option<Tested<'l>> {
-        let columns = self.columns();
-        let projected = self.round.free.project(columns.as_ref());
-        let count = columns.ncols();
+    /// Which of its columns are those of some of its motions.
+    fn places_of(&self, motions: &Motions) -> Vec<usize> {
+        let parts = self.course.parts.len();
+        let first = |motion| self.motions.0.iter().position(|own| is_same(own, motion)).map(|place| place * parts);
+        motions.0.iter().filter_map(first).flat_map(|first| first..first + parts).collect()
+    }
+
+    /// By what the fit leaves of its columns; `None` where the rows are too few, or show nothing of it.
+    fn tested(self, projected: &Projected) -> Option<Tested<'l>> {
+        let count = projected.gradient.len();
         let both = Mat::from_fn(count, count, |i, j| 0.5 * (projected.left[(i, j)] + projected.left[(j, i)]));
         let (values, vectors) = symmetric_eigen(&both)?;
         let largest = values.last().copied().filter(|value| *value > 0.0)?;

@@ -9,6 +9,7 @@ use super::outliers::{Outliers, outliers};
 use super::scored::{COMPARABLE, Scored};
 use super::view::View;
 use crate::error::DiagnoseError;
+use abbe_identify::in_parallel;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -74,28 +75,25 @@ fn key(study: &dyn Study, candidate: usize) -> (String, usize) {
 /// Sets the first free candidate of each chain to its best place beside a fit, and prices what was chosen among places; those
 /// behind it wait and are not scored. What is `kept` stays where it is.
 pub(super) fn placed(view: &mut View, fit: &Fit, kept: &[usize], all: &mut Vec<Scored>) {
-    let (mut set, mut waiting) = (BTreeSet::new(), BTreeSet::new());
     let tested = all.len();
-    for scored in all.iter_mut() {
-        let candidate = scored.candidate;
-        if view.study.places(candidate).is_empty() {
-            continue;
-        }
-        if !kept.contains(&candidate) {
-            if !set.insert(key(&*view.study, candidate)) {
-                waiting.insert(candidate);
-                continue;
-            }
-            view.place(fit, candidate);
-            let (score, rows) = fit.score(view, candidate);
+    let is_free = |view: &View, k: usize| !view.study.places(k).is_empty() && !kept.contains(&k);
+    let mut seen = BTreeSet::new();
+    all.retain(|scored| !is_free(view, scored.candidate) || seen.insert(key(&*view.study, scored.candidate)));
+    let free: Vec<usize> = all.iter().map(|scored| scored.candidate).filter(|k| is_free(view, *k)).collect();
+    let best = in_parallel(&free, |k| view.best_places(fit, *k));
+    for (candidate, places) in free.iter().zip(best) {
+        places.into_iter().for_each(|places| view.set_places(*candidate, &places));
+    }
+    for scored in all.iter_mut().filter(|scored| !view.study.places(scored.candidate).is_empty()) {
+        if free.contains(&scored.candidate) {
+            let (score, rows) = fit.score(view, scored.candidate);
             scored.evidence = score.evidence(rows, tested);
             scored.score = score;
         }
-        let tried = tried(&*view.study, candidate) as f64;
+        let tried = tried(&*view.study, scored.candidate) as f64;
         scored.evidence -= 2.0 * tried.ln();
         scored.score.p_value = (scored.score.p_value * tried).min(1.0);
     }
-    all.retain(|scored| !waiting.contains(&scored.candidate));
 }
 
 /// Leaves of the steps of a family only those that explain nearly as much as the best of them: where that one is refused, a step

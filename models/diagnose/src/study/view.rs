@@ -333,22 +333,37 @@ impl<'a> View<'a> {
         self.memory.forget_columns(candidate);
     }
 
-    /// Sets the steps of a candidate where they explain most of what a fit without it leaves, less the price of the choice: one after
-    /// another, and again beside the others until none moves.
+    /// Sets the steps of a candidate where they are worth most beside a fit without it.
     pub(super) fn place(&mut self, fit: &Fit, candidate: usize) {
+        if let Some(places) = self.best_places(fit, candidate) {
+            self.set_places(candidate, &places);
+        }
+    }
+
+    /// Where the steps of a candidate explain most of what a fit without it leaves, less the price of the choice: one after another,
+    /// and again beside the others until none moves.
+    pub(super) fn best_places(&self, fit: &Fit, candidate: usize) -> Option<Vec<usize>> {
         let count = self.study.steps_after(candidate).len();
-        let Some(chain) = self.chain_of(candidate) else { return };
+        let chain = self.chain_of(candidate)?;
         let rows = &self.chains[chain].rows_of_study;
         let part = fit.part(self, &[chain]);
-        let worth = |places: &[usize]| {
-            let columns = self.whitened_in(chain, self.study.columns_from(candidate, places, rows));
-            let score = score(&part.project(columns.as_ref()), part.chi2, part.degrees);
-            score.gain - 2.0 * self.study.choices(candidate, places).ln()
+        let worth = |taken: &[usize], places: &[usize]| -> Vec<f64> {
+            let all = [taken, places].concat();
+            let columns = self.whitened_in(chain, self.study.columns_from(candidate, &all, rows));
+            let group = part.project(columns.as_ref());
+            let one = |k: usize| {
+                let members: Vec<usize> = (0..taken.len()).chain([k]).collect();
+                let mut beside: Vec<usize> = members.iter().map(|k| all[*k]).collect();
+                beside.sort_unstable();
+                let score = score(&group.pick(&members), part.chi2, part.degrees);
+                score.gain - 2.0 * self.study.choices(candidate, &beside).ln()
+            };
+            (taken.len()..all.len()).map(one).collect()
         };
         let (mut taken, mut unmoved): (Vec<usize>, usize) = (Vec::new(), 0);
         for _ in 0..MOST_ROUNDS * count {
             let moving = if taken.len() == count { Some(taken.remove(0)) } else { None };
-            let Some(place) = best_place(self.study.places(candidate), &taken, &worth) else { return };
+            let place = best_place(self.study.places(candidate), &taken, &worth)?;
             taken.push(place);
             unmoved = if moving == Some(place) { unmoved + 1 } else { 0 };
             if taken.len() == count && (count == 1 || unmoved == count) {
@@ -356,7 +371,7 @@ impl<'a> View<'a> {
             }
         }
         taken.sort_unstable();
-        self.set_places(candidate, &taken);
+        Some(taken)
     }
 
     /// Sets the steps of a candidate.
@@ -366,16 +381,13 @@ impl<'a> View<'a> {
     }
 }
 
-/// The place worth most beside those taken: first among some, then around the best of these.
-fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize]) -> f64) -> Option<usize> {
-    let is_apart = |k: &usize| taken.iter().all(|other| places[*k].abs_diff(*other) >= APART);
-    let value = |k: usize| {
-        let mut all = [taken, &[places[k]]].concat();
-        all.sort_unstable();
-        (k, worth(&all))
-    };
+/// The place worth most beside those taken: first among some, then around the best of these. `worth` is asked for several at once.
+fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize], &[usize]) -> Vec<f64>) -> Option<usize> {
     let best = |among: &mut dyn Iterator<Item = usize>| {
-        let all = among.filter(is_apart).map(value);
+        let is_apart = |k: &usize| taken.iter().all(|other| places[*k].abs_diff(*other) >= APART);
+        let among: Vec<usize> = among.filter(is_apart).collect();
+        let worth = worth(taken, &among.iter().map(|k| places[*k]).collect::<Vec<usize>>());
+        let all = among.into_iter().zip(worth);
         all.reduce(|best, own| if own.1 > best.1 { own } else { best }).map(|(k, _)| k)
     };
     let stride = places.len().div_ceil(COARSE).max(1);

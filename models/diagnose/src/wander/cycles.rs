@@ -4,7 +4,8 @@
 //! motions of the tip explain most, Σ |Σ w r exp(2πift)|² over the motions, w what each does to a range. Its price is the number of
 //! periods. Harmonics beyond the second are left to the noise. Times in s.
 
-use super::{Course, Motions, Places, about_mean};
+use super::courses::{Course, about_mean};
+use super::motions::{Motions, Places};
 use crate::candidates::Round;
 use crate::columns::range;
 use abbe_identify::in_parallel;

@@ -12,10 +12,9 @@
 //! mean over motions and courses. Courses are cosines of any size, what goes on evenly, and what comes to rest. Where the odds are below one, the
 //! effect is no cause. What the course would do instead stands in the uncertainty with its share.
 
-use super::{
-    LN_RATIO, Motions, SEEN, Seen, Span, Tested, by_likelihood, by_place_and_taken, in_course_of_time, steady_courses,
-    told,
-};
+use super::courses::{in_course_of_time, steady_courses};
+use super::motions::{Motions, Span};
+use super::{LN_RATIO, SEEN, Seen, Tested, by_likelihood, by_place_and_taken, told};
 use crate::candidates::{Candidate, Round, proposals};
 use crate::competing::Without;
 use crate::error::DiagnoseError;
@@ -185,11 +184,10 @@ impl Seen<'_> {
         go_on: &mut dyn FnMut() -> Result<(), DiagnoseError>,
     ) -> Result<Vec<Tested<'_>>, DiagnoseError> {
         go_on()?;
-        let mut all = self.in_course(&in_course_of_time(campaign, &self.used));
+        let mut all = self.in_course(&in_course_of_time(campaign, &self.used), Vec::new());
         for course in steady_courses(campaign, &self.used) {
             go_on()?;
-            all.extend(self.in_course(&course));
-            all.extend(self.of_sets(Motions::bows(&self.places), &course));
+            all.extend(self.in_course(&course, Motions::bows(&self.places)));
         }
         Ok(all)
     }
