@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: one pass over the campaign gives JᵀWJ, JᵀWr and the weighted sum of squares; everything
 //! about order, smoothness and rank is decided from these without going back to the readings. Readings are cut
-//! into a fixed number of chunks that are summed in order, so the result does not depend on the threads.
+//! into chunks, by their number alone, that are summed in order, so the result does not depend on the threads.
 
 use crate::correlation::Whitener;
 use crate::design::{Estimate, Row};
@@ -11,10 +11,10 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, Mat, Par};
 use std::ops::Range;
 
-/// Chunks of a large campaign; fixed, so that the same input gives the same bytes on any machine.
+/// Most chunks of a campaign; it does not depend on the machine, so that the same input gives the same bytes on any.
 const CHUNKS: usize = 8;
-/// Below this many readings, threads cost more than they save.
-const SINGLE_CHUNK_READINGS: usize = 20_000;
+/// Readings that a chunk has at least: below, threads cost more than they save.
+const LEAST_READINGS: usize = 1000;
 
 /// Whitened rows multiplied at a time: enough for the product to be fast, few enough to stay in the cache.
 const TOGETHER: usize = 256;
@@ -97,15 +97,12 @@ pub(crate) fn accumulate(estimate: &Estimate, weights: &[f64]) -> NormalEquation
         }
         normal
     };
-    let count = estimate.campaign.readings.len();
-    if count <= SINGLE_CHUNK_READINGS {
-        return sum(0..count);
-    }
-    let mut total = NormalEquations::zeros(estimate.parameters.len());
-    for partial in in_parallel(&chunks(count), |indices| sum(indices.clone())) {
-        total.absorb(&partial);
-    }
-    total
+    let parts = in_parallel(&chunks(estimate.campaign.readings.len()), |indices| sum(indices.clone())).into_iter();
+    let together = |mut total: NormalEquations, part: NormalEquations| {
+        total.absorb(&part);
+        total
+    };
+    parts.reduce(together).unwrap_or_else(|| NormalEquations::zeros(estimate.parameters.len()))
 }
 
 /// The same of rows that this whitener, made with these weights, has taken the noise's correlation from. Each row then holds
@@ -180,15 +177,12 @@ pub(crate) fn residuals(estimate: &Estimate) -> Vec<(f64, f64)> {
         };
         indices.map(one).collect()
     };
-    let count = estimate.campaign.readings.len();
-    if count <= SINGLE_CHUNK_READINGS {
-        return evaluate(0..count);
-    }
-    in_parallel(&chunks(count), |indices| evaluate(indices.clone())).concat()
+    in_parallel(&chunks(estimate.campaign.readings.len()), |indices| evaluate(indices.clone())).concat()
 }
 
-/// The readings in as many runs of neighbours as a large campaign is cut into.
+/// The readings in runs of neighbours.
 fn chunks(count: usize) -> Vec<Range<usize>> {
-    let size = count.div_ceil(CHUNKS);
-    (0..CHUNKS).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
+    let chunks = (count / LEAST_READINGS).clamp(1, CHUNKS);
+    let size = count.div_ceil(chunks);
+    (0..chunks).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
 }

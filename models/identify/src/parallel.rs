@@ -11,13 +11,17 @@ pub fn in_parallel<P: Sync, R: Send>(parts: &[P], work: impl Fn(&P) -> R + Sync)
     }
     let mut results: Vec<Option<R>> = parts.iter().map(|_| None).collect();
     let share = parts.len().div_ceil(threads.max(1)).max(1);
+    let mut shares = parts.chunks(share).zip(results.chunks_mut(share));
+    let one = |(parts, results): (&[P], &mut [Option<R>])| {
+        parts.iter().zip(results).for_each(|(part, result)| *result = Some(work(part)));
+    };
     std::thread::scope(|scope| {
-        for (parts, results) in parts.chunks(share).zip(results.chunks_mut(share)) {
-            let work = &work;
-            scope.spawn(move || {
-                parts.iter().zip(results).for_each(|(part, result)| *result = Some(work(part)));
-            });
+        // The first share is this thread's own: it would wait.
+        let own = shares.next();
+        for share in shares {
+            scope.spawn(move || one(share));
         }
+        own.into_iter().for_each(one);
     });
     results.into_iter().flatten().collect()
 }
