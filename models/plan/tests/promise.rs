@@ -8,7 +8,7 @@ use abbe_identify::in_parallel;
 use abbe_plan::{Goal, plan};
 
 /// Machines of each kind.
-const MACHINES: u64 = 24;
+const MACHINES: u64 = 12;
 /// Verification points of each.
 const POINTS: usize = 150;
 /// How far promise and achievement may be apart.
