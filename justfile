@@ -11,7 +11,7 @@ demo *options:
 test:
     cargo test --workspace
 
-# The statistical tests with all their seeds (some ten minutes); in the tests above a tenth of them are tried
+# The statistical tests with all their seeds (some ten minutes); in the tests above a fifth of them are tried
 seeds:
     ABBE_SEEDS=all cargo test -p abbe-diagnose --test all
 

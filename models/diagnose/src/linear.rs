@@ -269,7 +269,7 @@ impl Linear {
             batches.push(batch);
             rest = later;
         }
-        in_parallel(&batches, |batch| self.project_batch(batch)).concat()
+        in_parallel(&batches, |batch| self.project_batch(batch)).into_iter().flatten().collect()
     }
 
     fn project_batch(&self, groups: &[Mat<f64>]) -> Vec<Projected> {

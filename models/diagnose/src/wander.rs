@@ -36,7 +36,7 @@ mod instead;
 mod motions;
 
 use courses::{Course, courses, in_course_of_time};
-use motions::{Motions, Places, Span, is_same};
+use motions::{Motions, Places, Span};
 
 pub use instead::Slow;
 
@@ -145,7 +145,7 @@ pub(crate) fn find(
         if !go_on() {
             return Err(DiagnoseError::Stopped);
         }
-        looks.extend(seen.of_sets([sets, Motions::families(&seen.places).to_vec()].concat(), &course));
+        looks.extend(seen.of_sets(sets, &course));
     }
     Ok(seen.wander(model, campaign, &looks, options.significance))
 }
@@ -167,7 +167,7 @@ pub(crate) fn in_time(
     let (fit, campaign) = (&fit.of_readings(&part), &campaign.part(&part));
     let round = Round::new(fit, instrument, campaign)?;
     let seen = Seen::of(&round, campaign, span);
-    let looks = seen.in_course(&in_course_of_time(campaign, &seen.used), Vec::new());
+    let looks = seen.of_sets(Motions::each(&seen.places), &in_course_of_time(campaign, &seen.used));
     Ok(seen.wander(&fit.model, campaign, &looks, significance))
 }
 
@@ -184,14 +184,10 @@ impl<'s> Seen<'s> {
         Seen { round, used, places: Places::of(campaign, span) }
     }
 
-    /// Each motion, each family of them, and further sets in this course.
-    fn in_course(&self, course: &Course, further: Vec<Motions>) -> Vec<Tested<'_>> {
-        let families = Motions::families(&self.places).to_vec();
-        self.of_sets([Motions::each(&self.places), families, further].concat(), course)
-    }
-
-    /// Each set of motions in this course. Sets share motions, and the columns of all go through the products with the fit once.
-    fn of_sets(&self, sets: Vec<Motions>, course: &Course) -> Vec<Tested<'_>> {
+    /// Each set of motions in this course, and each family. They share motions, and the columns of all go through the products with the
+    /// fit once.
+    fn of_sets(&self, mut sets: Vec<Motions>, course: &Course) -> Vec<Tested<'_>> {
+        sets.extend(Motions::families(&self.places));
         let all = self.look(Motions::all_of(&sets), course);
         let projected = self.round.free.project(all.columns().as_ref());
         let of_set = |motions: Motions| {
@@ -318,7 +314,7 @@ impl<'l> Look<'l> {
     /// Which of its columns are those of some of its motions.
     fn places_of(&self, motions: &Motions) -> Vec<usize> {
         let parts = self.course.parts.len();
-        let first = |motion| self.motions.0.iter().position(|own| is_same(own, motion)).map(|place| place * parts);
+        let first = |motion| self.motions.0.iter().position(|own| own == motion).map(|place| place * parts);
         motions.0.iter().filter_map(first).flat_map(|first| first..first + parts).collect()
     }
 

@@ -57,7 +57,7 @@ pub fn log_determinant(factor: &Llt<f64>) -> f64 {
     (0..factor.L().nrows()).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum()
 }
 
-/// tr(AᵀB): the sum of the products of the elements.
+/// tr(AᵀB) of matrices of the same shape: the sum of the products of their elements.
 pub fn trace_of_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> f64 {
     a.col_iter().zip(b.col_iter()).map(|(a, b)| a.iter().zip(b.iter()).map(|(a, b)| a * b).sum::<f64>()).sum()
 }

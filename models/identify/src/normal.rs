@@ -13,7 +13,7 @@ use std::ops::Range;
 
 /// Most chunks of a campaign; it does not depend on the machine, so that the same input gives the same bytes on any.
 const CHUNKS: usize = 8;
-/// Readings that a chunk has at least: below, threads cost more than they save.
+/// Rows that a chunk has at least: below, threads cost more than they save.
 const LEAST_READINGS: usize = 1000;
 
 /// Whitened rows multiplied at a time: enough for the product to be fast, few enough to stay in the cache.
@@ -88,16 +88,17 @@ fn add_scaled(line: &mut [f64], scaled: f64, others: &[f64]) {
 
 /// Sums the rows of all readings whose weight is not zero; a negative weight takes a row out again.
 pub(crate) fn accumulate(estimate: &Estimate, weights: &[f64]) -> NormalEquations {
-    let sum = |indices: Range<usize>| {
+    let used: Vec<usize> = (0..estimate.campaign.readings.len()).filter(|k| weights[*k] != 0.0).collect();
+    let sum = |indices: &Range<usize>| {
         let mut normal = NormalEquations::zeros(estimate.parameters.len());
         let mut row = Row::new();
-        for (index, weight) in indices.map(|k| (k, weights[k])).filter(|(_, weight)| *weight != 0.0) {
-            estimate.row(index, &mut row);
-            normal.add_row(&row, estimate.setup.u_m(&row.ray), weight);
+        for index in &used[indices.clone()] {
+            estimate.row(*index, &mut row);
+            normal.add_row(&row, estimate.setup.u_m(&row.ray), weights[*index]);
         }
         normal
     };
-    let parts = in_parallel(&chunks(estimate.campaign.readings.len()), |indices| sum(indices.clone())).into_iter();
+    let parts = in_parallel(&chunks(used.len()), sum).into_iter();
     let together = |mut total: NormalEquations, part: NormalEquations| {
         total.absorb(&part);
         total
@@ -177,12 +178,27 @@ pub(crate) fn residuals(estimate: &Estimate) -> Vec<(f64, f64)> {
         };
         indices.map(one).collect()
     };
-    in_parallel(&chunks(estimate.campaign.readings.len()), |indices| evaluate(indices.clone())).concat()
+    let parts = in_parallel(&chunks(estimate.campaign.readings.len()), |indices| evaluate(indices.clone()));
+    parts.into_iter().flatten().collect()
 }
 
-/// The readings in runs of neighbours.
+/// So many rows in runs of neighbours.
 fn chunks(count: usize) -> Vec<Range<usize>> {
     let chunks = (count / LEAST_READINGS).clamp(1, CHUNKS);
     let size = count.div_ceil(chunks);
     (0..chunks).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_hold_every_row_once_in_order() {
+        for (count, expected) in [(0, 1), (999, 1), (1999, 1), (2000, 2), (7999, 7), (20_001, CHUNKS)] {
+            let chunks = chunks(count);
+            assert_eq!(chunks.len(), expected, "{count}");
+            assert_eq!(chunks.into_iter().flatten().collect::<Vec<usize>>(), (0..count).collect::<Vec<usize>>());
+        }
+    }
 }

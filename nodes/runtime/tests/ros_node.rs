@@ -11,7 +11,7 @@ mod common;
 use std::net::Ipv4Addr;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -250,10 +250,13 @@ fn regress_a_caller_whose_reader_of_replies_comes_late_gets_its_reply() {
     let test = "regress_a_caller_whose_reader_of_replies_comes_late_gets_its_reply";
     in_own_network(test, |domain| {
         let node = node(domain, "");
-        let calls = Arc::new(AtomicUsize::new(0));
-        let called = Arc::clone(&calls);
+        let [is_called, has_reader] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+        let (called, made) = (Arc::clone(&is_called), Arc::clone(&has_reader));
         let service = node.trigger_service("~/reload", move || {
-            called.fetch_add(1, Ordering::SeqCst);
+            called.store(true, Ordering::SeqCst);
+            while !made.load(Ordering::SeqCst) {
+                thread::sleep(Duration::from_millis(1));
+            }
             Ok("loaded".to_owned())
         });
         let service = service.unwrap();
@@ -269,22 +272,32 @@ fn regress_a_caller_whose_reader_of_replies_comes_late_gets_its_reply() {
         let requests = topic("rq/geometric/reloadRequest", "Request");
         let writer = publisher.create_datawriter_no_key_cdr::<Empty>(&requests, None).unwrap();
         let deadline = Instant::now() + PATIENCE;
-        while calls.load(Ordering::SeqCst) == 0 {
+        while !is_called.load(Ordering::SeqCst) {
             assert!(Instant::now() < deadline, "no request arrives");
             writer.write(Empty { structure_needs_at_least_one_member: 0 }, None).unwrap();
             thread::sleep(Duration::from_millis(100));
         }
         let replies = topic("rr/geometric/reloadReply", "Response");
         let mut reader = subscriber.create_datareader_no_key_cdr::<Outcome>(&replies, None).unwrap();
+        has_reader.store(true, Ordering::SeqCst);
         let reply = loop {
             match reader.take_next_sample().unwrap() {
                 Some(reply) => break reply.into_value(),
                 None => thread::sleep(Duration::from_millis(2)),
             }
-            assert!(Instant::now() < deadline, "{} calls, and no reply", calls.load(Ordering::SeqCst));
+            assert!(Instant::now() < deadline, "no reply");
         };
         assert_eq!(reply, Outcome { success: true, message: "loaded".to_owned() });
+        // Who calls without a pause and takes no reply keeps no service from ending.
+        drop(reader);
+        let until = Instant::now() + Duration::from_secs(1);
+        while Instant::now() < until {
+            writer.write(Empty { structure_needs_at_least_one_member: 0 }, None).unwrap();
+            thread::sleep(Duration::from_millis(5));
+        }
+        let ending = Instant::now();
         drop(service);
+        assert!(ending.elapsed() < Duration::from_secs(5), "{:?}", ending.elapsed());
     });
 }
 

@@ -347,16 +347,17 @@ impl<'a> View<'a> {
         let chain = self.chain_of(candidate)?;
         let rows = &self.chains[chain].rows_of_study;
         let part = fit.part(self, &[chain]);
+        // Of each place beside those taken.
         let worth = |taken: &[usize], places: &[usize]| -> Vec<f64> {
             let all = [taken, places].concat();
             let columns = self.whitened_in(chain, self.study.columns_from(candidate, &all, rows));
             let group = part.project(columns.as_ref());
             let one = |k: usize| {
                 let members: Vec<usize> = (0..taken.len()).chain([k]).collect();
-                let mut beside: Vec<usize> = members.iter().map(|k| all[*k]).collect();
-                beside.sort_unstable();
+                let mut set: Vec<usize> = members.iter().map(|member| all[*member]).collect();
+                set.sort_unstable();
                 let score = score(&group.pick(&members), part.chi2, part.degrees);
-                score.gain - 2.0 * self.study.choices(candidate, &beside).ln()
+                score.gain - 2.0 * self.study.choices(candidate, &set).ln()
             };
             (taken.len()..all.len()).map(one).collect()
         };
@@ -386,7 +387,8 @@ fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize], &[usi
     let best = |among: &mut dyn Iterator<Item = usize>| {
         let is_apart = |k: &usize| taken.iter().all(|other| places[*k].abs_diff(*other) >= APART);
         let among: Vec<usize> = among.filter(is_apart).collect();
-        let worth = worth(taken, &among.iter().map(|k| places[*k]).collect::<Vec<usize>>());
+        let places: Vec<usize> = among.iter().map(|k| places[*k]).collect();
+        let worth = places.chunks(COARSE).flat_map(|some| worth(taken, some));
         let all = among.into_iter().zip(worth);
         all.reduce(|best, own| if own.1 > best.1 { own } else { best }).map(|(k, _)| k)
     };

@@ -184,10 +184,11 @@ impl Seen<'_> {
         go_on: &mut dyn FnMut() -> Result<(), DiagnoseError>,
     ) -> Result<Vec<Tested<'_>>, DiagnoseError> {
         go_on()?;
-        let mut all = self.in_course(&in_course_of_time(campaign, &self.used), Vec::new());
+        let each = Motions::each(&self.places);
+        let mut all = self.of_sets(each.clone(), &in_course_of_time(campaign, &self.used));
         for course in steady_courses(campaign, &self.used) {
             go_on()?;
-            all.extend(self.in_course(&course, Motions::bows(&self.places)));
+            all.extend(self.of_sets([each.clone(), Motions::bows(&self.places)].concat(), &course));
         }
         Ok(all)
     }

@@ -33,7 +33,7 @@ impl Motions {
     pub(super) fn all_of(sets: &[Motions]) -> Motions {
         let mut all: Vec<(usize, usize, f64)> = Vec::new();
         for motion in sets.iter().flat_map(|set| &set.0) {
-            if !all.iter().any(|own| is_same(own, motion)) {
+            if !all.contains(motion) {
                 all.push(*motion);
             }
         }
@@ -92,11 +92,6 @@ impl Motions {
         motions.0.extend(forms.flat_map(|(form, size_m)| (0..3).map(move |d| (d, form, size_m))));
         motions
     }
-}
-
-/// Whether both move the same way; their sizes are those of the strokes.
-pub(super) fn is_same(one: &(usize, usize, f64), other: &(usize, usize, f64)) -> bool {
-    (one.0, one.1) == (other.0, other.1)
 }
 
 /// Where a campaign has moved the machine: the same for all fits of it, whichever readings they reject, so that what they tell can be added.

@@ -4,7 +4,7 @@
 
 /// Of so many seeds those to try, as a count from the first.
 pub(crate) fn seeds(all: u64) -> u64 {
-    if std::env::var("ABBE_SEEDS").is_ok_and(|how| how == "all") { all } else { all.div_ceil(10) }
+    if std::env::var("ABBE_SEEDS").is_ok_and(|how| how == "all") { all } else { all.div_ceil(5) }
 }
 
 /// Of these cases those to try, from the first.

@@ -4,7 +4,9 @@
 //! `/clock` as another type than it has in ROS 2, which makes every tool of the system refuse the topic.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::future::poll_fn;
 use std::sync::{Arc, Mutex};
+use std::task::Poll;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -48,6 +50,8 @@ pub(super) struct Matched {
     of_fast_dds: Mutex<BTreeSet<GUID>>,
     /// Only who has keys is heard.
     is_secured: bool,
+    /// Held from when an event is taken until it is noted: of a reader that is lost and comes back, the last one counts.
+    taking: Mutex<()>,
 }
 
 impl Matched {
@@ -61,6 +65,7 @@ impl Matched {
             listed_at: Mutex::default(),
             of_fast_dds: Mutex::default(),
             is_secured,
+            taking: Mutex::default(),
         }
     }
 
@@ -77,9 +82,9 @@ impl Matched {
     /// milliseconds and send to it, or wait for what it sends, while its own is not known here: hundreds of samples at 1 kHz.
     /// So no endpoint is made before those who were there have told of theirs.
     pub(super) fn await_calm(&self, participant: &DomainParticipant) {
-        let (listener, began) = (participant.status_listener(), Instant::now());
+        let began = Instant::now();
         loop {
-            std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(participant, event));
+            self.take_in(participant);
             let is_caught_up = lock(&self.found_at).is_none_or(|at| at.elapsed() >= CAUGHT_UP_AFTER);
             let is_calm = is_caught_up && self.since.elapsed() >= KNOWN_AFTER || began.elapsed() >= LONGEST_WAIT;
             if is_calm && self.are_listed(participant) {
@@ -111,18 +116,37 @@ impl Matched {
     pub(super) async fn follow(&self, participant: &DomainParticipant) {
         let listener = participant.status_listener();
         let mut events = listener.as_async_status_stream();
-        while let Some(event) = events.next().await {
-            self.note(participant, event);
-        }
+        poll_fn(|context| {
+            let _taking = lock(&self.taking);
+            loop {
+                match events.poll_next_unpin(context) {
+                    Poll::Ready(Some(event)) => self.note(participant, event),
+                    Poll::Ready(None) => return Poll::Ready(()),
+                    Poll::Pending => return Poll::Pending,
+                }
+            }
+        })
+        .await;
+    }
+
+    /// What the participant has found and lost until now.
+    fn take_in(&self, participant: &DomainParticipant) {
+        let listener = participant.status_listener();
+        let _taking = lock(&self.taking);
+        std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(participant, event));
     }
 
     /// Readers that this writer is connected to.
-    pub(super) fn readers(&self, writer: GUID) -> Vec<GUID> {
+    fn readers(&self, writer: GUID) -> Vec<GUID> {
         lock(&self.readers).get(&writer).into_iter().flatten().copied().collect()
     }
 
-    /// Whether a reader of `topic` in the participant of `caller` is connected to a writer of this node.
+    /// Whether the reader of a caller for the replies of `topic` is connected to a writer of this node. Fast DDS names that
+    /// reader; others name the writer of the request, beside which any reader of that topic is taken to be it.
     fn has_reader(&self, participant: &DomainParticipant, caller: GUID, topic: &str) -> bool {
+        if caller.entity_id.entity_kind.is_reader() {
+            return lock(&self.readers).values().any(|all| all.contains(&caller));
+        }
         let readers = participant.discovered_readers().into_iter();
         let mut of_caller = readers.filter(|reader| reader.reader_proxy.remote_reader_guid.prefix == caller.prefix);
         let connected = lock(&self.readers);
@@ -149,6 +173,7 @@ impl Matched {
             DomainParticipantStatusEvent::ParticipantLost { id, .. } => {
                 lock(&self.unlisted).retain(|guid, _| guid.prefix != id);
                 lock(&self.of_fast_dds).retain(|guid| guid.prefix != id);
+                lock(&self.readers).values_mut().for_each(|readers| readers.retain(|guid| guid.prefix != id));
             }
             DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
                 lock(&self.readers).entry(local_writer).or_default().insert(remote_reader);
@@ -185,15 +210,19 @@ impl Others {
         self.matched.await_calm(&self.participant);
     }
 
+    /// Readers that this writer is connected to.
+    pub(super) fn readers(&self, writer: GUID) -> Vec<GUID> {
+        self.matched.readers(writer)
+    }
+
     /// Waits until the reader of a caller for the replies of `topic` is connected, and tells whether it came to be.
     ///
     /// A program calls as soon as it has found both ends of a service. Its request may come before this node has taken
     /// in its reader, and what is written until then never reaches it: nothing is kept for late readers of replies.
     pub(super) fn await_reader(&self, caller: GUID, topic: &str) -> bool {
-        let (listener, began) = (self.participant.status_listener(), Instant::now());
+        let began = Instant::now();
         loop {
-            std::iter::from_fn(|| listener.try_recv_status())
-                .for_each(|event| self.matched.note(&self.participant, event));
+            self.matched.take_in(&self.participant);
             if self.matched.has_reader(&self.participant, caller, topic) {
                 return true;
             }

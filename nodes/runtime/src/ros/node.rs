@@ -95,7 +95,7 @@ pub(super) struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     values: Arc<Values>,
-    matched: Arc<Matched>,
+    others: Others,
     /// Types of the messages that it publishes or takes.
     types: Types,
     _meeting: Meeting,
@@ -152,7 +152,7 @@ impl RosNode {
         let _meeting = peers.meet(introduced)?;
         let (stop, thread) = (Some(stop), Some(thread));
         let inner =
-            Inner { identity, remaps, introduced, node, values, matched, types, _meeting, stop, thread, context };
+            Inner { identity, remaps, introduced, node, values, others, types, _meeting, stop, thread, context };
         Ok(Self(Arc::new(inner)))
     }
 
@@ -256,19 +256,18 @@ impl RosNode {
         package: &str,
         service: &str,
     ) -> Result<Service<Request, Reply>, RosError> {
-        let others = Others::new(&self.0.matched, self.0.context.domain_participant());
-        others.await_calm();
-        Service::open(&mut self.lock(), &others, name, package, service)
+        self.await_calm();
+        Service::open(&mut self.lock(), &self.0.others, name, package, service)
     }
 
     /// Before an endpoint is made.
     fn await_calm(&self) {
-        self.0.matched.await_calm(&self.0.context.domain_participant());
+        self.0.others.await_calm();
     }
 
     /// Subscribers elsewhere that this publisher has found.
     pub(crate) fn subscribers<R: RosType>(&self, writer: &Writer<R>) -> usize {
-        self.0.matched.readers(writer.guid()).len()
+        self.0.others.readers(writer.guid()).len()
     }
 
     /// What the participant is introduced to itself as.
@@ -278,7 +277,7 @@ impl RosNode {
 
     /// Readers elsewhere that a writer is connected to.
     pub(super) fn readers_of(inner: &Inner, writer: GUID) -> Vec<[u8; 16]> {
-        inner.matched.readers(writer).into_iter().map(|reader| reader.to_bytes()).collect()
+        inner.others.readers(writer).into_iter().map(|reader| reader.to_bytes()).collect()
     }
 
     /// Topics that other participants publish, by their absolute names; one that two publish stands twice.

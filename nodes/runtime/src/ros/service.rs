@@ -4,18 +4,20 @@
 //! implementations differ: Fast DDS ("enhanced") sends the request alone and names the call beside it; Cyclone DDS puts
 //! 16 bytes before request and reply, which the caller gets back. A server has one topic for the calls of both, so each
 //! is read as what it is: a request that fills its bytes exactly is alone, one that does so after 16 bytes has that head.
-//! What is neither is dropped, and told of in the log the 1st, 2nd, 4th, 8th … time.
+//! What is neither is dropped, and told of in the log the 1st, 2nd, 4th, 8th … time. A reply waits for the reader of its caller.
 //!
 //! Source: OMG RPC over DDS 1.0, section 7.8.2 (enhanced mapping); the head of Cyclone DDS as its ROS 2 layer documents it
 //! (`cdds_request_header_t`: identity and number of the caller, 8 bytes each).
 
 use std::cell::Cell;
 use std::fmt;
+use std::future::poll_fn;
 use std::marker::PhantomData;
+use std::task::Poll;
 
 use futures::StreamExt;
-use ros2_client::dds::rustdds::RepresentationIdentifier;
 use ros2_client::dds::rustdds::serialization::{deserialize_from_cdr_with_rep_id, to_writer_with_rep_id};
+use ros2_client::dds::rustdds::{GUID, RepresentationIdentifier};
 use ros2_client::service::Server;
 use ros2_client::{Message, Node, ServiceMapping, ServiceTypeName};
 use serde::de::{DeserializeOwned, SeqAccess, Visitor};
@@ -51,6 +53,8 @@ pub(super) struct Service<Request, Reply> {
     topic: String,
     server: Server<Bytes, Bytes>,
     refused: Cell<u64>,
+    /// The last caller of which no reader was found.
+    without_reader: Cell<Option<GUID>>,
     of: PhantomData<fn(Request) -> Reply>,
 }
 
@@ -72,7 +76,8 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
         );
         let server = server.map_err(|source| endpoint_error("service", name, source))?;
         let (others, topic) = (others.clone(), format!("{REPLIES}{name}{REPLY}"));
-        Ok(Self { name: name.to_owned(), others, topic, server, refused: Cell::new(0), of: PhantomData })
+        let (name, refused, without_reader) = (name.to_owned(), Cell::new(0), Cell::new(None));
+        Ok(Self { name, others, topic, server, refused, without_reader, of: PhantomData })
     }
 
     /// Answers every request with `reply`, for ever.
@@ -90,17 +95,25 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
                 self.refuse(&format!("{} bytes that are not a request of this service", bytes.len()));
                 continue;
             };
-            let written = written(head, &reply(request).await);
-            if !self.others.await_reader(id.writer_gid.into(), &self.topic) {
-                tracing::warn!(service = self.name, "who asked has gone, or takes no reply");
-            }
-            let sent = match written {
+            let bytes = written(head, &reply(request).await);
+            self.await_reader(id.writer_gid.into());
+            let sent = match bytes {
                 Ok(bytes) => self.server.async_send_response(id, Bytes(bytes)).await.map_err(|error| error.to_string()),
                 Err(reason) => Err(reason),
             };
             if let Err(error) = sent {
                 tracing::warn!(service = self.name, error, "could not answer");
             }
+            yield_once().await;
+        }
+    }
+
+    /// Waits for the reader of who asked, but not twice for one that did not come: it may call again and again.
+    fn await_reader(&self, caller: GUID) {
+        let is_known = self.without_reader.get() == Some(caller);
+        if !is_known && !self.others.await_reader(caller, &self.topic) {
+            self.without_reader.set(Some(caller));
+            tracing::warn!(service = self.name, "the reader of a reply is not known here; it is written all the same");
         }
     }
 
@@ -111,6 +124,19 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
             tracing::warn!(service = self.name, refused, %reason, "dropped a request");
         }
     }
+}
+
+/// Lets what else the thread does have its turn, the end of the service among it: requests may come without a pause.
+async fn yield_once() {
+    let mut is_over = false;
+    poll_fn(|context| {
+        if std::mem::replace(&mut is_over, true) {
+            return Poll::Ready(());
+        }
+        context.waker().wake_by_ref();
+        Poll::Pending
+    })
+    .await;
 }
 
 /// A request, and what precedes it.
