@@ -4,8 +4,9 @@
 
 use crate::verdict::{self, Accept};
 use abbe_diagnose::stated;
-use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
+use abbe_files::{DataSource, Days, MachineFile, ModelFile, hex, read_campaign_file};
 use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
+use abbe_graph::capture::identify_options;
 use abbe_identify::verdict::{Grade, Verdict, ask_held_functions, of_campaign, stroke};
 use abbe_identify::{
     Along, By, CorrelatedNoise, Evidence, IdentifyError, IdentifyOptions, Noise, Progress, RangeCorrelation,
@@ -133,14 +134,9 @@ pub(crate) fn identify(
     choices: Choices,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> anyhow::Result<(ModelFile, Identification)> {
-    let order = match machine.order {
-        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
-        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
-    };
     let Choices { robust, correlated_noise, accept } = choices;
     let noise = if correlated_noise { Noise::Estimated } else { Noise::Given(None) };
-    let options =
-        IdentifyOptions { order, robust, noise, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
+    let options = IdentifyOptions { robust, noise, ..identify_options(machine) };
     let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
         .map_err(|error| with_stroke(error, machine, &loaded.campaign))
         .with_context(|| loaded.source.file.clone())?;

@@ -11,10 +11,11 @@ use crate::planning::{self, Sources};
 use crate::progress::spinner;
 use crate::provenance::hashed;
 use abbe_files::{
-    MachineFile, ModelFile, OrderChoice, PlanRequestFile, dme, gcode, path_csv, read_machine, read_plan_request,
-    stations_csv, write_atomically,
+    MachineFile, ModelFile, PlanRequestFile, dme, gcode, path_csv, read_machine, read_plan_request, stations_csv,
+    write_atomically,
 };
 use abbe_geometry::ErrorId;
+use abbe_graph::capture::identify_options;
 use abbe_identify::{Belief, IdentifyOptions};
 use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
 use abbe_report::digits;
@@ -100,11 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Request file, machine file and what was measured before, as the planner takes them.
 fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile) -> anyhow::Result<Request> {
-    let order = match machine.order {
-        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
-        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
-    };
-    let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
+    let options = identify_options(machine);
     let measured = measured(arguments, machine, &options)?;
     let belief = belief(arguments, machine, file, measured.as_ref())?;
     Ok(Request {

@@ -12,8 +12,9 @@ use crate::verdict::{self, Accept};
 use abbe_diagnose::{
     ClockShift, Departure, DiagnoseOptions, Diagnosis, Late, MachineStep, Progress, Wander, diagnose, mended,
 };
-use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
+use abbe_files::{Doubt, MachineFile, ModelFile, hex};
 use abbe_geometry::model::MachineModel;
+use abbe_graph::capture::identify_options;
 use abbe_identify::Evidence;
 use abbe_identify::verdict::{Cause, Grade, Subject, Verdict, of_campaign, widened};
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
@@ -59,12 +60,8 @@ impl Given {
     /// Options of the diagnosis; the model's own where it says how it was identified.
     fn options(&self, request: &Request) -> DiagnoseOptions {
         let usual = DiagnoseOptions::default();
-        let order = match self.file.order {
-            OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
-            OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
-        };
         let robust = self.file.options.get("robust").and_then(Value::as_bool).unwrap_or(usual.identify.robust);
-        let absolute_range = self.file.absolute_range;
+        let abbe_identify::IdentifyOptions { order, absolute_range, .. } = identify_options(&self.machine());
         DiagnoseOptions {
             identify: abbe_identify::IdentifyOptions { order, robust, absolute_range, ..usual.identify },
             folds: request.folds.unwrap_or(usual.folds),

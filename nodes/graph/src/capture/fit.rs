@@ -39,6 +39,15 @@ pub struct Volume {
     pub offsets_m: Vec<[f64; 3]>,
 }
 
+/// How a campaign of this machine is identified, where nobody asks for anything else.
+pub fn identify_options(machine: &MachineFile) -> IdentifyOptions {
+    let order = match machine.order {
+        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
+        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
+    };
+    IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() }
+}
+
 /// Identifies the campaign.
 ///
 /// # Errors
@@ -49,11 +58,7 @@ pub fn so_far(
     campaign: &Campaign,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<SoFar, String> {
-    let order = match machine.order {
-        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
-        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
-    };
-    let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
+    let options = identify_options(machine);
     let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
     let fit = fit.map_err(|error| error.to_string())?;
     if !goes_on() {

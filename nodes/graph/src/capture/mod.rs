@@ -22,7 +22,7 @@ pub use config::{
     CaptureConfig, CheckConfig, ConfigError, DriveConfig, LengthsConfig, PointsConfig, StandstillConfig, Takes,
 };
 pub use drive::preview;
-pub use fit::{SoFar, Volume, so_far};
+pub use fit::{SoFar, Volume, identify_options, so_far};
 pub use planned::{Place, Planned, PlannedLine, PlannedStation, SetUp};
 pub use run::{CaptureError, Ending, Shown, capture, volume_of};
 pub use step::{Capturer, Told};
