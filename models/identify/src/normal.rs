@@ -14,7 +14,7 @@ use std::ops::Range;
 /// Most chunks of a campaign; it does not depend on the machine, so that the same input gives the same bytes on any.
 const CHUNKS: usize = 8;
 /// Rows that a chunk has at least: below, threads cost more than they save.
-const LEAST_READINGS: usize = 1000;
+const LEAST_ROWS: usize = 1000;
 
 /// Whitened rows multiplied at a time: enough for the product to be fast, few enough to stay in the cache.
 const TOGETHER: usize = 256;
@@ -184,7 +184,7 @@ pub(crate) fn residuals(estimate: &Estimate) -> Vec<(f64, f64)> {
 
 /// So many rows in runs of neighbours.
 fn chunks(count: usize) -> Vec<Range<usize>> {
-    let chunks = (count / LEAST_READINGS).clamp(1, CHUNKS);
+    let chunks = (count / LEAST_ROWS).clamp(1, CHUNKS);
     let size = count.div_ceil(chunks);
     (0..chunks).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
 }
