@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: what is offered to effects, and what is the same to the data, is decided by these. Units are those of the columns.
 
+use abbe_measurement::campaign::Campaign;
+
 /// Spread, as a share of the largest magnitude, from which a covariate counts as varying.
 const VARYING: f64 = 1e-9;
 
@@ -23,4 +25,15 @@ pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let (ma, mb) = (mean(a), mean(b));
     let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(x, y)| f(x - ma, y - mb)).sum::<f64>();
     sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt()
+}
+
+/// Share of the campaign that has passed at each reading, from the first to the last of those used. Without times the order has to do.
+pub(crate) fn passed(campaign: &Campaign, used: impl Iterator<Item = usize>) -> Vec<f64> {
+    let readings = &campaign.readings;
+    let (first_s, last_s) = range(used.map(|k| readings[k].time_s));
+    let of = |k: usize| match last_s > first_s {
+        true => (readings[k].time_s - first_s) / (last_s - first_s),
+        false => k as f64 / readings.len() as f64,
+    };
+    (0..readings.len()).map(of).collect()
 }

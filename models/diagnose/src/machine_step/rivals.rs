@@ -5,7 +5,7 @@
 //! each is priced by its parameters alone, so that a step has to beat the best of them.
 
 use super::{Competing, PLANES, Scan};
-use crate::columns::{range, varies};
+use crate::columns::{passed, varies};
 use crate::error::DiagnoseError;
 use abbe_geometry::Vector3;
 use faer::Mat;
@@ -23,15 +23,7 @@ pub(super) fn any_beyond(
     limit: f64,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<bool, DiagnoseError> {
-    let readings = &scan.campaign.readings;
-    let (first_s, last_s) = range(readings.iter().map(|r| r.time_s));
-    let span_s = last_s - first_s;
-    // Without times the order has to do.
-    let along = |k: usize| match span_s > 0.0 {
-        true => (readings[k].time_s - first_s) / span_s,
-        false => k as f64 / readings.len() as f64,
-    };
-    let places: Vec<f64> = (0..readings.len()).map(along).collect();
+    let places = passed(scan.campaign, 0..scan.campaign.readings.len());
     let course = |of: &dyn Fn(f64) -> f64| -> Vec<f64> { places.iter().map(|place| of(*place)).collect() };
     let mut courses: Vec<Vec<Vec<f64>>> = vec![vec![course(&|t| t)], vec![course(&|t| t), course(&|t| t * t)]];
     courses.push((1..=3).map(|power| course(&|t| t.powi(power))).collect());

@@ -3,7 +3,7 @@
 //! Place in the flow: the looks of [`super`], and of [`super::instead`], take their courses here; [`super::cycles`] adds those that return.
 //! Each is about its mean over the readings used.
 
-use crate::columns::range;
+use crate::columns::passed;
 use crate::context::Context;
 use abbe_geometry::effects::is_derived;
 use abbe_identify::TIME;
@@ -27,20 +27,9 @@ pub(super) struct Course {
     pub(super) returns: bool,
 }
 
-/// Share of the campaign that has passed at each reading. Without times the order has to do.
-fn passed(campaign: &Campaign, used: &[usize]) -> Vec<f64> {
-    let readings = &campaign.readings;
-    let (first_s, last_s) = range(used.iter().map(|k| readings[*k].time_s));
-    let of = |k: usize| match last_s > first_s {
-        true => (readings[k].time_s - first_s) / (last_s - first_s),
-        false => k as f64 / readings.len() as f64,
-    };
-    (0..readings.len()).map(of).collect()
-}
-
 /// What is slow, whatever it is.
 pub(super) fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
-    let passed = passed(campaign, used);
+    let passed = passed(campaign, used.iter().copied());
     let wave = |halves: usize| {
         let of = |passed: &f64| (std::f64::consts::PI * halves as f64 * passed).cos() / halves as f64;
         about_mean(passed.iter().map(of).collect(), used)
@@ -50,7 +39,7 @@ pub(super) fn in_course_of_time(campaign: &Campaign, used: &[usize]) -> Course {
 
 /// What goes on evenly, and what comes to rest: in such a share of the campaign all but a third is done.
 pub(super) fn steady_courses(campaign: &Campaign, used: &[usize]) -> Vec<Course> {
-    let passed = passed(campaign, used);
+    let passed = passed(campaign, used.iter().copied());
     let evenly = passed.clone();
     let resting = RESTS_IN.map(|share| passed.iter().map(|passed| -(-passed / share).exp_m1()).collect());
     let of =
