@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 use std::task::Poll;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -36,8 +36,8 @@ const CALLER_COMES: Duration = Duration::from_millis(500);
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 
 /// Readers by the writer that they are connected to, and when a participant was found.
-#[derive(Debug)]
 pub(super) struct Matched {
+    participant: DomainParticipant,
     readers: Mutex<BTreeMap<GUID, BTreeSet<GUID>>>,
     since: Instant,
     /// When a participant of Fast DDS was found last.
@@ -56,8 +56,9 @@ pub(super) struct Matched {
 
 impl Matched {
     /// Of a participant made just now.
-    pub(super) fn new(is_secured: bool) -> Self {
+    pub(super) fn new(participant: DomainParticipant, is_secured: bool) -> Self {
         Self {
+            participant,
             readers: Mutex::default(),
             since: Instant::now(),
             found_at: Mutex::default(),
@@ -81,13 +82,13 @@ impl Matched {
     /// at its next heartbeat, a second later. A program that was there before would find an endpoint of ours within
     /// milliseconds and send to it, or wait for what it sends, while its own is not known here: hundreds of samples at 1 kHz.
     /// So no endpoint is made before those who were there have told of theirs.
-    pub(super) fn await_calm(&self, participant: &DomainParticipant) {
+    pub(super) fn await_calm(&self) {
         let began = Instant::now();
         loop {
-            self.take_in(participant);
+            self.take_in();
             let is_caught_up = lock(&self.found_at).is_none_or(|at| at.elapsed() >= CAUGHT_UP_AFTER);
             let is_calm = is_caught_up && self.since.elapsed() >= KNOWN_AFTER || began.elapsed() >= LONGEST_WAIT;
-            if is_calm && self.are_listed(participant) {
+            if is_calm && self.are_listed() {
                 return;
             }
             thread::sleep(LOOK_UP);
@@ -95,12 +96,12 @@ impl Matched {
     }
 
     /// Whether those who were there before have told of their endpoints.
-    fn are_listed(&self, participant: &DomainParticipant) -> bool {
+    fn are_listed(&self) -> bool {
         let mut unlisted = lock(&self.unlisted);
         if unlisted.is_empty() {
             return lock(&self.listed_at).is_none_or(|at| at.elapsed() >= LIST_COMES);
         }
-        let (writers, readers) = (participant.discovered_writers(), participant.discovered_readers());
+        let (writers, readers) = (self.participant.discovered_writers(), self.participant.discovered_readers());
         let has_told = |guid: &GUID| {
             writers.iter().any(|writer| writer.writer_proxy.remote_writer_guid.prefix == guid.prefix)
                 && readers.iter().any(|reader| reader.reader_proxy.remote_reader_guid.prefix == guid.prefix)
@@ -113,14 +114,14 @@ impl Matched {
     }
 
     /// Follows what the participant finds and loses, for ever.
-    pub(super) async fn follow(&self, participant: &DomainParticipant) {
-        let listener = participant.status_listener();
+    pub(super) async fn follow(&self) {
+        let listener = self.participant.status_listener();
         let mut events = listener.as_async_status_stream();
         poll_fn(|context| {
             let _taking = lock(&self.taking);
             loop {
                 match events.poll_next_unpin(context) {
-                    Poll::Ready(Some(event)) => self.note(participant, event),
+                    Poll::Ready(Some(event)) => self.note(event),
                     Poll::Ready(None) => return Poll::Ready(()),
                     Poll::Pending => return Poll::Pending,
                 }
@@ -130,24 +131,42 @@ impl Matched {
     }
 
     /// What the participant has found and lost until now.
-    fn take_in(&self, participant: &DomainParticipant) {
-        let listener = participant.status_listener();
+    fn take_in(&self) {
+        let listener = self.participant.status_listener();
         let _taking = lock(&self.taking);
-        std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(participant, event));
+        std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(event));
     }
 
     /// Readers that this writer is connected to.
-    fn readers(&self, writer: GUID) -> Vec<GUID> {
+    pub(super) fn readers(&self, writer: GUID) -> Vec<GUID> {
         lock(&self.readers).get(&writer).into_iter().flatten().copied().collect()
+    }
+
+    /// Waits until the reader of a caller for the replies of `topic` is connected, and tells whether it came to be.
+    ///
+    /// A program calls as soon as it has found both ends of a service. Its request may come before this node has taken
+    /// in its reader, and what is written until then never reaches it: nothing is kept for late readers of replies.
+    pub(super) fn await_reader(&self, caller: GUID, topic: &str) -> bool {
+        let began = Instant::now();
+        loop {
+            self.take_in();
+            if self.has_reader(caller, topic) {
+                return true;
+            }
+            if began.elapsed() >= CALLER_COMES {
+                return false;
+            }
+            thread::sleep(LOOK_UP);
+        }
     }
 
     /// Whether the reader of a caller for the replies of `topic` is connected to a writer of this node. Fast DDS names that
     /// reader; others name the writer of the request, beside which any reader of that topic is taken to be it.
-    fn has_reader(&self, participant: &DomainParticipant, caller: GUID, topic: &str) -> bool {
+    fn has_reader(&self, caller: GUID, topic: &str) -> bool {
         if caller.entity_id.entity_kind.is_reader() {
             return lock(&self.readers).values().any(|all| all.contains(&caller));
         }
-        let readers = participant.discovered_readers().into_iter();
+        let readers = self.participant.discovered_readers().into_iter();
         let mut of_caller = readers.filter(|reader| reader.reader_proxy.remote_reader_guid.prefix == caller.prefix);
         let connected = lock(&self.readers);
         of_caller.any(|reader| {
@@ -160,7 +179,7 @@ impl Matched {
         lock(&self.of_fast_dds).iter().any(|participant| participant.prefix == endpoint.prefix)
     }
 
-    fn note(&self, participant: &DomainParticipant, event: DomainParticipantStatusEvent) {
+    fn note(&self, event: DomainParticipantStatusEvent) {
         match event {
             DomainParticipantStatusEvent::ParticipantDiscovered { dpd } if dpd.vendor_id.vendor_id == FAST_DDS => {
                 let now = Instant::now();
@@ -181,7 +200,7 @@ impl Matched {
             DomainParticipantStatusEvent::RemoteWriterMatched { local_reader, remote_writer }
                 if !self.is_secured && self.is_of_fast_dds(remote_writer) =>
             {
-                first_call::ask_again(participant, local_reader, remote_writer);
+                first_call::ask_again(&self.participant, local_reader, remote_writer);
             }
             DomainParticipantStatusEvent::ReaderLost { guid, .. } => {
                 for readers in lock(&self.readers).values_mut() {
@@ -189,47 +208,6 @@ impl Matched {
                 }
             }
             _ => {}
-        }
-    }
-}
-
-/// Those whom a node finds in the graph. Clones share them.
-#[derive(Clone)]
-pub(super) struct Others {
-    matched: Arc<Matched>,
-    participant: DomainParticipant,
-}
-
-impl Others {
-    pub(super) fn new(matched: &Arc<Matched>, participant: DomainParticipant) -> Self {
-        Self { matched: Arc::clone(matched), participant }
-    }
-
-    /// Before an endpoint is made: see [`Matched::await_calm`].
-    pub(super) fn await_calm(&self) {
-        self.matched.await_calm(&self.participant);
-    }
-
-    /// Readers that this writer is connected to.
-    pub(super) fn readers(&self, writer: GUID) -> Vec<GUID> {
-        self.matched.readers(writer)
-    }
-
-    /// Waits until the reader of a caller for the replies of `topic` is connected, and tells whether it came to be.
-    ///
-    /// A program calls as soon as it has found both ends of a service. Its request may come before this node has taken
-    /// in its reader, and what is written until then never reaches it: nothing is kept for late readers of replies.
-    pub(super) fn await_reader(&self, caller: GUID, topic: &str) -> bool {
-        let began = Instant::now();
-        loop {
-            self.matched.take_in(&self.participant);
-            if self.matched.has_reader(&self.participant, caller, topic) {
-                return true;
-            }
-            if began.elapsed() >= CALLER_COMES {
-                return false;
-            }
-            thread::sleep(LOOK_UP);
         }
     }
 }

@@ -21,7 +21,7 @@ use serde::de::DeserializeOwned;
 
 use super::diagnostics::Diagnostics;
 use super::endpoint::{dds_name, endpoint_error};
-use super::matched::{Matched, Others};
+use super::matched::Matched;
 use super::names::{self, NameError, NodeIdentity};
 use super::parameter_services::{Ask, ParameterServices};
 use super::parameter_values::Values;
@@ -95,7 +95,7 @@ pub(super) struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     values: Arc<Values>,
-    others: Others,
+    matched: Arc<Matched>,
     /// Types of the messages that it publishes or takes.
     types: Types,
     _meeting: Meeting,
@@ -128,22 +128,21 @@ impl RosNode {
             return Err(RosError::SecuredPeers);
         }
         let (context, introduced, matched) = participant(options.domain, options.enclave.as_ref())?;
-        let others = Others::new(&matched, context.domain_participant());
         let mut node = create(&context, &options)?;
-        others.await_calm();
+        matched.await_calm();
         let values = Arc::new(Values::open(&mut node, &options.identity)?);
-        let parameters = ParameterServices::open(&mut node, &options, (Arc::clone(&values), ask), &others)?;
+        let parameters = ParameterServices::open(&mut node, &options, (Arc::clone(&values), ask), &matched)?;
         let types = Types::default();
-        others.await_calm();
-        let descriptions = TypeDescriptions::open(&mut node, &others, &options.identity, types.clone())?;
+        matched.await_calm();
+        let descriptions = TypeDescriptions::open(&mut node, &matched, &options.identity, types.clone())?;
         let node = Arc::new(Mutex::new(node));
         let (stop, stopped) = oneshot::channel();
-        let (served, following, participant) = (Arc::clone(&node), Arc::clone(&matched), context.domain_participant());
+        let (served, following) = (Arc::clone(&node), Arc::clone(&matched));
         let thread = thread::Builder::new()
             .name("ros-node".into())
             .spawn(move || {
                 let serving = pin!(future::join(parameters.serve(&served), descriptions.serve()));
-                let following = pin!(following.follow(&participant));
+                let following = pin!(following.follow());
                 let working = future::select(serving, following);
                 futures::executor::block_on(future::select(working, stopped));
             })
@@ -152,7 +151,7 @@ impl RosNode {
         let _meeting = peers.meet(introduced)?;
         let (stop, thread) = (Some(stop), Some(thread));
         let inner =
-            Inner { identity, remaps, introduced, node, values, others, types, _meeting, stop, thread, context };
+            Inner { identity, remaps, introduced, node, values, matched, types, _meeting, stop, thread, context };
         Ok(Self(Arc::new(inner)))
     }
 
@@ -257,17 +256,17 @@ impl RosNode {
         service: &str,
     ) -> Result<Service<Request, Reply>, RosError> {
         self.await_calm();
-        Service::open(&mut self.lock(), &self.0.others, name, package, service)
+        Service::open(&mut self.lock(), &self.0.matched, name, package, service)
     }
 
     /// Before an endpoint is made.
     fn await_calm(&self) {
-        self.0.others.await_calm();
+        self.0.matched.await_calm();
     }
 
     /// Subscribers elsewhere that this publisher has found.
     pub(crate) fn subscribers<R: RosType>(&self, writer: &Writer<R>) -> usize {
-        self.0.others.readers(writer.guid()).len()
+        self.0.matched.readers(writer.guid()).len()
     }
 
     /// What the participant is introduced to itself as.
@@ -277,7 +276,7 @@ impl RosNode {
 
     /// Readers elsewhere that a writer is connected to.
     pub(super) fn readers_of(inner: &Inner, writer: GUID) -> Vec<[u8; 16]> {
-        inner.others.readers(writer).into_iter().map(|reader| reader.to_bytes()).collect()
+        inner.matched.readers(writer).into_iter().map(|reader| reader.to_bytes()).collect()
     }
 
     /// Topics that other participants publish, by their absolute names; one that two publish stands twice.
@@ -323,8 +322,8 @@ fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, In
         reason if enclave.is_some() => RosError::Keys { domain_id: domain.id(), reason },
         reason => failed(reason),
     })?;
-    let matched = Arc::new(Matched::new(enclave.is_some()));
-    matched.await_calm(&participant);
+    let matched = Arc::new(Matched::new(participant.clone(), enclave.is_some()));
+    matched.await_calm();
     let guid = Gid::from(participant.guid()).to_bytes16();
     let mut guid_prefix = [0; 12];
     guid_prefix.copy_from_slice(&guid[..12]);

@@ -16,7 +16,7 @@ use ros2_client::{Node, Parameter, ParameterValue};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::matched::Others;
+use super::matched::Matched;
 use super::parameter_values::Values;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
 use super::service::Service;
@@ -49,9 +49,9 @@ impl ParameterServices {
         node: &mut Node,
         options: &NodeOptions,
         (now, ask): (Arc<Values>, Option<Ask>),
-        others: &Others,
+        matched: &Arc<Matched>,
     ) -> Result<Self, RosError> {
-        let mut opener = Opener { node, others, prefix: options.identity.qualified() };
+        let mut opener = Opener { node, matched, prefix: options.identity.qualified() };
         Ok(Self {
             table: options.parameters.clone(),
             now,
@@ -137,7 +137,7 @@ impl ParameterServices {
 
 struct Opener<'a> {
     node: &'a mut Node,
-    others: &'a Others,
+    matched: &'a Arc<Matched>,
     prefix: String,
 }
 
@@ -147,8 +147,8 @@ impl Opener<'_> {
         Request: DeserializeOwned,
         Reply: Serialize,
     {
-        self.others.await_calm();
-        Service::open(self.node, self.others, &format!("{}/{name}", self.prefix), PACKAGE, service)
+        self.matched.await_calm();
+        Service::open(self.node, self.matched, &format!("{}/{name}", self.prefix), PACKAGE, service)
     }
 }
 

@@ -13,6 +13,7 @@ use std::cell::Cell;
 use std::fmt;
 use std::future::poll_fn;
 use std::marker::PhantomData;
+use std::sync::Arc;
 use std::task::Poll;
 
 use futures::StreamExt;
@@ -25,7 +26,7 @@ use serde::ser::SerializeTuple;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::endpoint::{dds_name, endpoint_error};
-use super::matched::Others;
+use super::matched::Matched;
 use super::{RosError, service_qos};
 
 /// Names of topics of replies begin and end so (ROS 2 on DDS).
@@ -48,7 +49,7 @@ pub(super) struct EmptyRequest {
 /// A service that is open.
 pub(super) struct Service<Request, Reply> {
     name: String,
-    others: Others,
+    matched: Arc<Matched>,
     /// Of the replies, as DDS has it.
     topic: String,
     server: Server<Bytes, Bytes>,
@@ -62,7 +63,7 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
     /// Opens the service `name`, an absolute name, of type `package/srv/service`.
     pub(super) fn open(
         node: &mut Node,
-        others: &Others,
+        matched: &Arc<Matched>,
         name: &str,
         package: &str,
         service: &str,
@@ -75,9 +76,9 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
             service_qos(),
         );
         let server = server.map_err(|source| endpoint_error("service", name, source))?;
-        let (others, topic) = (others.clone(), format!("{REPLIES}{name}{REPLY}"));
+        let (matched, topic) = (Arc::clone(matched), format!("{REPLIES}{name}{REPLY}"));
         let (name, refused, without_reader) = (name.to_owned(), Cell::new(0), Cell::new(None));
-        Ok(Self { name, others, topic, server, refused, without_reader, of: PhantomData })
+        Ok(Self { name, matched, topic, server, refused, without_reader, of: PhantomData })
     }
 
     /// Answers every request with `reply`, for ever.
@@ -111,7 +112,7 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
     /// Waits for the reader of who asked, but not twice for one that did not come: it may call again and again.
     fn await_reader(&self, caller: GUID) {
         let is_known = self.without_reader.get() == Some(caller);
-        if !is_known && !self.others.await_reader(caller, &self.topic) {
+        if !is_known && !self.matched.await_reader(caller, &self.topic) {
             self.without_reader.set(Some(caller));
             tracing::warn!(service = self.name, "the reader of a reply is not known here; it is written all the same");
         }

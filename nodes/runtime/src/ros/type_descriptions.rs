@@ -14,7 +14,7 @@ use ros2_client::Node;
 use serde::{Deserialize, Serialize};
 
 use super::RosError;
-use super::matched::Others;
+use super::matched::Matched;
 use super::names::NodeIdentity;
 use super::service::Service;
 use crate::lock::lock;
@@ -74,12 +74,12 @@ pub(super) struct TypeDescriptions {
 impl TypeDescriptions {
     pub(super) fn open(
         node: &mut Node,
-        others: &Others,
+        matched: &Arc<Matched>,
         identity: &NodeIdentity,
         types: Types,
     ) -> Result<Self, RosError> {
         let name = format!("{}/{NAME}", identity.qualified());
-        let service = Service::open(node, others, &name, PACKAGE, "GetTypeDescription")?;
+        let service = Service::open(node, matched, &name, PACKAGE, "GetTypeDescription")?;
         Ok(Self { types, service })
     }
 
