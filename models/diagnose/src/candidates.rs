@@ -6,7 +6,8 @@
 use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, joined};
-use crate::score::{Score, score, sections};
+use crate::peak::peak_within;
+use crate::score::{Score, score};
 use abbe_geometry::effects::{Known, REGISTRY, Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
@@ -78,6 +79,15 @@ impl<'a> Round<'a> {
         let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
         let free = linear.without_priors(used)?;
         Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
+    }
+
+    /// The same fit, where effects read what this campaign logged: the same readings with other covariates.
+    pub(crate) fn logged_as<'b>(&self, campaign: &'b Campaign) -> Round<'b>
+    where
+        'a: 'b,
+    {
+        let rows = Arc::new(self.rows.logged_as(campaign));
+        Round { rows, linear: Arc::clone(&self.linear), free: Arc::clone(&self.free), used: self.used }
     }
 
     /// What a fitted effect does to the range of each row used, with the number of the row (m).
@@ -155,7 +165,7 @@ pub(crate) fn columns_of(round: &Round, terms: &[&EffectTerm]) -> Result<Mat<f64
     Ok(joined(&each))
 }
 
-/// Refines the figure of a candidate's shape between its neighbours (golden section on the reduction of χ²).
+/// Refines the figure of a candidate's shape between its neighbours, where it reduces χ² most.
 pub(crate) fn refined(round: &Round, machine: &Machine, candidate: Candidate) -> Result<Candidate, DiagnoseError> {
     use abbe_geometry::effects::ShapeValue;
     let Some(refine) = candidate.known.refine else { return Ok(candidate) };
@@ -178,9 +188,9 @@ pub(crate) fn refined(round: &Round, machine: &Machine, candidate: Candidate) ->
         }
         Ok::<f64, DiagnoseError>(reduction)
     };
-    sections((-span, span), GOLDEN_STEPS, reduction)?;
+    peak_within((-span, span), NEAR, reduction)?;
     Ok(best)
 }
 
-/// Steps of a golden section: the figure is then known to some percent, closer than data tell.
-const GOLDEN_STEPS: usize = 8;
+/// Share of the way between both neighbours to which the figure is found: closer than data tell.
+const NEAR: f64 = 0.02;

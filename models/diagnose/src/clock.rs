@@ -18,7 +18,8 @@ use crate::same_claim::has;
 use crate::search::{Search, State};
 use crate::step::Step;
 use abbe_geometry::effects::is_derived;
-use abbe_identify::{EffectTerm, Identified};
+use abbe_geometry::machine::Machine;
+use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::{Campaign, Covariate};
 use abbe_measurement::robust::median;
 
@@ -89,7 +90,7 @@ pub(crate) fn hold<'a>(
     let Ok((fit, round)) = search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? else {
         return Ok(None);
     };
-    let Some(shift) = found(search, state, (&fit, &round), base, observe)? else { return Ok(None) };
+    let Some(shift) = found(search, state, &round, base, observe)? else { return Ok(None) };
     (state.fit, state.round, state.terms, state.named) = (fit, round, kept, None);
     state.distrusts_log = true;
     for term in out {
@@ -103,11 +104,11 @@ pub(crate) fn hold<'a>(
 }
 
 /// The shift with which one effect explains more than all that was found by the log as it is, beside stands that drift; `None` where that is
-/// right, or cannot be told. `fit` and `round` lack all that follows a log or the time.
+/// right, or cannot be told. The fit of `round` lacks all that follows a log or the time.
 fn found(
     search: &Search,
     state: &State,
-    (fit, round): (&Identified, &Round),
+    round: &Round,
     base: &[EffectTerm],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
@@ -119,13 +120,13 @@ fn found(
     let by_log = added.iter().filter(|(term, _)| follows_a_log(term));
     let Some((strongest, _)) = by_log.max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
     let Some(known) = abbe_geometry::effects::known(strongest.effect.name()) else { return Ok(None) };
-    let look = Look { search, fit, strongest };
+    let look = Look { search, machine: &state.machine, round, strongest };
     let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
-    let mut as_it_is = look.together(round, &terms)?;
+    let mut as_it_is = together(round, &terms)?;
     let still = look.moved(0.0, &terms);
-    let of_still = Round::new(fit, search.instrument, &still)?;
+    let of_still = round.logged_as(&still);
     let (by_sensor, or_late) = look.best_or_late(&of_still, &still)?;
-    as_it_is = as_it_is.max(look.together(&of_still, &terms)?).max(or_late);
+    as_it_is = as_it_is.max(together(&of_still, &terms)?).max(or_late);
     let mut best = (0.0, f64::NEG_INFINITY);
     let shifts_s = shifts_s(search.campaign);
     for shift_s in &shifts_s {
@@ -146,7 +147,8 @@ fn found(
 /// The fit without what was found, and the strongest effect that follows a log.
 struct Look<'l, 'a> {
     search: &'l Search<'a>,
-    fit: &'l Identified,
+    machine: &'l Machine,
+    round: &'l Round<'a>,
     strongest: &'l EffectTerm,
 }
 
@@ -156,22 +158,15 @@ impl Look<'_, '_> {
         with_lags(&shifted(self.search.campaign, shift_s), terms.iter().flat_map(|term| term.effect.reads()))
     }
 
-    /// Evidence of all these together.
-    fn together(&self, round: &Round, terms: &[&EffectTerm]) -> Result<f64, DiagnoseError> {
-        let columns = columns_of(round, terms)?;
-        Ok(round.score(&round.free.project(columns.as_ref())).evidence(round.used, 1))
-    }
-
     /// Evidence of the strongest effect by whichever sensor of this campaign explains most.
     fn best(&self, campaign: &Campaign) -> Result<f64, DiagnoseError> {
-        let round = Round::new(self.fit, self.search.instrument, campaign)?;
+        let round = self.round.logged_as(campaign);
         let scored = self.by_each_sensor(&round, campaign)?;
         Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
     }
 
     /// The same by sensors as they are, and by what is ahead of one or behind it as well: one that follows late is no clock that is off.
     fn best_or_late(&self, round: &Round, campaign: &Campaign) -> Result<(f64, f64), DiagnoseError> {
-        let machine = &self.fit.model.parts().machine;
         let mut by_sensor = self.by_each_sensor(round, campaign)?;
         by_sensor.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
         let best = by_sensor.first().map_or(f64::NEG_INFINITY, |candidate| candidate.evidence(round.used));
@@ -179,7 +174,7 @@ impl Look<'_, '_> {
         let as_logged = of_sensors.first().map_or(best, |candidate| candidate.evidence(round.used));
         let mut or_late = best;
         for candidate in of_sensors.into_iter().take(MOST_LATE) {
-            let moved = apart(round, (machine, campaign), candidate, self.search.options.least_evidence)?;
+            let moved = apart(round, (self.machine, campaign), candidate, self.search.options.least_evidence)?;
             or_late = or_late.max(moved.evidence(round.used));
         }
         Ok((as_logged, or_late))
@@ -187,12 +182,18 @@ impl Look<'_, '_> {
 
     /// The strongest effect by all sensors that it may read.
     fn by_each_sensor(&self, round: &Round, campaign: &Campaign) -> Result<Vec<Candidate>, DiagnoseError> {
-        let terms = proposals(&self.fit.model.parts().machine, &Context::new(campaign))?;
+        let terms = proposals(self.machine, &Context::new(campaign))?;
         let alike = terms.into_iter().filter(|(known, term, _)| {
             known.name == self.strongest.effect.name() && place_of(term) == place_of(self.strongest)
         });
         score_all(round, alike.collect())
     }
+}
+
+/// Evidence of all these together.
+fn together(round: &Round, terms: &[&EffectTerm]) -> Result<f64, DiagnoseError> {
+    let columns = columns_of(round, terms)?;
+    Ok(round.score(&round.free.project(columns.as_ref())).evidence(round.used, 1))
 }
 
 /// Shifts that are tried (s), none of them zero.

@@ -17,6 +17,7 @@ use crate::gate;
 use crate::options::Progress;
 use crate::same_claim::{has, is_of_its_kind};
 use crate::search::{Search, State};
+use crate::side_by_side::side_by_side;
 use crate::worth;
 use abbe_geometry::effects::Shape;
 use abbe_geometry::mixture::mixture;
@@ -60,16 +61,14 @@ pub(crate) fn without_each<'a>(
     base: &[EffectTerm],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Vec<Option<Without<'a>>>, DiagnoseError> {
-    let mut all = Vec::new();
-    for (index, term) in state.terms.iter().enumerate() {
+    let without = |index: usize, observe: &mut dyn FnMut(Progress) -> bool| {
         let mut others = state.terms.clone();
-        others.remove(index);
-        all.push(match has(base, term) {
-            true => None,
-            false => search.attempt_under(&state.machine, &others, state.fit.correlation, observe)?.ok(),
-        });
-    }
-    Ok(all)
+        match has(base, &others.remove(index)) {
+            true => Ok(None),
+            false => Ok(search.attempt_under(&state.machine, &others, state.fit.correlation, observe)?.ok()),
+        }
+    };
+    side_by_side(state.terms.len(), without, observe).into_iter().collect()
 }
 
 /// What is to be told to each model that is taken into the mean.
@@ -84,13 +83,12 @@ pub(crate) fn averaged(
     without: &[Option<Without>],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(MachineModel, Vec<Vec<Competing>>), DiagnoseError> {
-    let mut all: Vec<Vec<Kept>> = Vec::new();
-    for (index, without) in without.iter().enumerate() {
-        all.push(match without {
-            Some(without) => in_place_of(search, state, (index, without), observe)?,
-            None => Vec::new(),
-        });
-    }
+    let kept = |index: usize, observe: &mut dyn FnMut(Progress) -> bool| match &without[index] {
+        Some(without) => in_place_of(search, state, (index, without), observe),
+        None => Ok(Vec::new()),
+    };
+    let kept = side_by_side(without.len(), kept, observe).into_iter();
+    let mut all = kept.collect::<Result<Vec<Vec<Kept>>, DiagnoseError>>()?;
     let kept = || all.iter().flatten();
     if kept().next().is_none() {
         return Ok((found.clone(), all.iter().map(|_| Vec::new()).collect()));

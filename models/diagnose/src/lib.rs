@@ -98,6 +98,7 @@ mod order;
 mod outdone;
 mod paired;
 mod pass;
+mod peak;
 mod periodic;
 mod quadratic_form;
 mod runs;

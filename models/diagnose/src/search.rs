@@ -26,9 +26,9 @@ use abbe_identify::{
 };
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-use std::cell::{OnceCell, RefCell};
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Share of what the best free dependence explains that a named effect must explain to go before it.
 const EXPLAINS: f64 = 0.6;
@@ -48,7 +48,8 @@ pub(crate) struct Search<'a> {
     pub(crate) options: &'a DiagnoseOptions,
     pub(crate) context: Context,
     pub(crate) variables: Vec<Variable>,
-    periodogram: RefCell<Periodogram>,
+    /// Of the threads that look for periods; each takes one and brings it back.
+    periodograms: Mutex<Vec<Periodogram>>,
 }
 
 /// How far a search has come.
@@ -141,8 +142,7 @@ impl<'a> Search<'a> {
     ) -> Search<'a> {
         let context = Context::new(campaign);
         let variables = look::variables(campaign, &context);
-        let periodogram = RefCell::new(Periodogram::default());
-        Search { instrument, campaign, options, context, variables, periodogram }
+        Search { instrument, campaign, options, context, variables, periodograms: Mutex::default() }
     }
 
     /// Fits these terms. Where the data leave directions of a term open, it is fitted once more with these believed to be
@@ -402,12 +402,17 @@ impl<'a> Search<'a> {
     /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
     pub(crate) fn named(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let mut named = score_all(round, proposals(machine, &self.context)?)?;
-        let mut periodogram = self.periodogram.borrow_mut();
+        let mut periodogram = self.periodograms().pop().unwrap_or_default();
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
+        self.periodograms().push(periodogram);
         named.extend(runs::candidate(round, machine, self.campaign)?);
         named.extend(jumps::candidates(round, machine, self.campaign)?);
         named.extend(scale_steps::candidates(round, machine, self.campaign)?);
         Ok(named)
+    }
+
+    fn periodograms(&self) -> MutexGuard<'_, Vec<Periodogram>> {
+        self.periodograms.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Those whose essential parameters the data show.

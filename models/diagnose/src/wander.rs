@@ -18,8 +18,8 @@ use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::linear::Projected;
 use crate::options::DiagnoseOptions;
+use crate::peak::peak;
 use crate::quadratic_form::p_of_form;
-use crate::score::golden_section;
 use crate::taken::Taken;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::model::{MachineModel, ModelError, packed};
@@ -373,7 +373,7 @@ fn variance(values: &[f64], along: &[f64], noise: f64) -> (f64, f64) {
         seen().map(of).sum()
     };
     let of = |ln_ratio: f64| noise / largest * ln_ratio.exp();
-    let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
+    let best = of(peak(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
     let gain = likelihood(best) - likelihood(0.0);
     if gain > 0.0 { (best, gain) } else { (0.0, 0.0) }
 }

@@ -44,6 +44,7 @@ impl Factor {
 }
 
 /// Sum of products, in lanes that a processor adds side by side.
+#[inline]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();

@@ -21,7 +21,7 @@ use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
 
 /// Whitened rows of a settled fit.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Rows<'a> {
     campaign: &'a Campaign,
     /// Readings × free parameters, whitened.
@@ -103,6 +103,14 @@ impl<'a> Rows<'a> {
             whitener.apply(&mut self.residuals);
             (0..self.jacobian.ncols()).for_each(|j| whitener.apply(self.jacobian.col_as_slice_mut(j)));
         }
+    }
+
+    /// The same rows, where effects read what this campaign logged: the same readings with other covariates.
+    pub fn logged_as<'b>(&self, campaign: &'b Campaign) -> Rows<'b>
+    where
+        'a: 'b,
+    {
+        Rows { campaign, ..self.clone() }
     }
 
     /// Whitens a column of range partials (m per unit), one a reading, in place.

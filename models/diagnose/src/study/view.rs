@@ -14,7 +14,7 @@ use super::step::APART;
 use super::waves::best;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, column, joined, picked};
-use crate::score::golden_section;
+use crate::peak::peak;
 use crate::score::score;
 use abbe_geometry::Axis;
 use abbe_identify::in_parallel;
@@ -322,7 +322,7 @@ impl<'a> View<'a> {
             let scan = self.study.scan(candidate);
             let gains = in_parallel(&scan, |frequency| explained(*frequency));
             let best = scan.into_iter().zip(gains).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(own, |(best, _)| best);
-            golden_section((best - reach, best + reach), explained)
+            peak((best - reach, best + reach), explained)
         });
         self.set_frequency(candidate, frequency);
     }

@@ -12,7 +12,8 @@ use super::scored::COMPARABLE;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::Projected;
-use crate::score::{OfTwo, gain_of_two, golden_section};
+use crate::peak::peak;
+use crate::score::{OfTwo, gain_of_two};
 use abbe_identify::dot;
 use faer::Mat;
 use smallvec::SmallVec;
@@ -124,7 +125,7 @@ impl Left {
         places.sort_by(|a, b| worth[*b].total_cmp(&worth[*a]));
         let top = |k: usize| {
             let own = low + k as f64 * step;
-            let frequency = golden_section(((own - step).max(low), own + step), |frequency| self.gain(frequency));
+            let frequency = peak(((own - step).max(low), own + step), |frequency| self.gain(frequency));
             Peak { frequency, worth: self.worth(frequency) }
         };
         let mut peaks: Vec<Peak> = places.into_iter().take(PEAKS).map(top).collect();

@@ -21,8 +21,9 @@ use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::named::named;
 use crate::options::Progress;
+use crate::peak::peak;
 use crate::same_claim::is_of;
-use crate::score::{golden_section, inverse_root};
+use crate::score::inverse_root;
 use crate::search::{Search, State};
 use crate::step::added;
 use crate::taken::Taken;
@@ -165,7 +166,7 @@ fn evidence(values: &[f64], along: &[f64], linear: &Linear) -> f64 {
         -0.5 * (price + degrees * (chi2 - explained).max(f64::MIN_POSITIVE).ln())
     };
     let of = |ln_ratio: f64| ln_ratio.exp() / largest;
-    let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
+    let best = of(peak(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
     (likelihood(best) - likelihood(0.0)).max(0.0)
 }
 
