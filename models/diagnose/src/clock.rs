@@ -10,7 +10,7 @@ use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
 use crate::columns::range;
 use crate::context::{Context, follows_a_log, is_of_the_room, takes_its_time};
 use crate::error::DiagnoseError;
-use crate::lagged_columns::with_lags;
+use crate::lagged_columns::{with_lags, with_proposed_lags};
 use crate::lags::{apart, is_lagged, place_of};
 use crate::logs::between;
 use crate::options::Progress;
@@ -123,7 +123,7 @@ fn found(
     let look = Look { search, machine: &state.machine, round, strongest };
     let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
     let mut as_it_is = together(round, &terms)?;
-    let still = look.moved(0.0, &terms);
+    let still = with_lags(&shifted(search.campaign, 0.0), terms.iter().flat_map(|term| term.effect.reads()));
     let of_still = round.logged_as(&still);
     let (by_sensor, or_late) = look.best_or_late(&of_still, &still)?;
     as_it_is = as_it_is.max(together(&of_still, &terms)?).max(or_late);
@@ -133,7 +133,7 @@ fn found(
         if !observe(Progress::Scoring { round: 1, effects: state.terms.len() }) {
             return Err(DiagnoseError::Stopped);
         }
-        let evidence = look.best(&look.moved(*shift_s, &[]))?;
+        let evidence = look.best(&with_proposed_lags(&shifted(search.campaign, *shift_s)))?;
         if evidence > best.1 {
             best = (*shift_s, evidence);
         }
@@ -153,11 +153,6 @@ struct Look<'l, 'a> {
 }
 
 impl Look<'_, '_> {
-    /// The campaign with its log moved, and behind all time constants.
-    fn moved(&self, shift_s: f64, terms: &[&EffectTerm]) -> Campaign {
-        with_lags(&shifted(self.search.campaign, shift_s), terms.iter().flat_map(|term| term.effect.reads()))
-    }
-
     /// Evidence of the strongest effect by whichever sensor of this campaign explains most.
     fn best(&self, campaign: &Campaign) -> Result<f64, DiagnoseError> {
         let round = self.round.logged_as(campaign);

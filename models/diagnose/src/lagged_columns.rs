@@ -34,6 +34,15 @@ const SAME: f64 = 0.999;
 
 /// The campaign with its temperatures behind all time constants of the ladder, and behind those that `asked` names.
 pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = String>) -> Campaign {
+    with_steps(campaign, asked, |_| true)
+}
+
+/// The same with those steps alone that are proposed to effects.
+pub(crate) fn with_proposed_lags(campaign: &Campaign) -> Campaign {
+    with_steps(campaign, [], is_coarse)
+}
+
+fn with_steps(campaign: &Campaign, asked: impl IntoIterator<Item = String>, is_wanted: fn(i32) -> bool) -> Campaign {
     let mut names: Vec<String> = asked.into_iter().filter(|name| of_lagged(name).is_some()).collect();
     let (first_s, last_s) = range(campaign.readings.iter().map(|reading| reading.time_s));
     let longest_s = LONGEST * (last_s - first_s);
@@ -42,7 +51,8 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
         for logged in campaign.covariates.iter().filter(|column| is_own(&column.name) && varies(&column.values)) {
             let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
             let late = steps.clone().take_while(|lag_s| *lag_s <= latest_s).map(|lag_s| -lag_s);
-            names.extend(steps.chain(late).filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+            let wanted = steps.chain(late).filter(|lag_s| is_wanted(*lag_s));
+            names.extend(wanted.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
         }
     }
     for axis in Axis::ALL {
@@ -87,6 +97,11 @@ fn step_of(lag: i32) -> Option<usize> {
     (0..STEPS).find(|step| lag_s(*step) == lag.abs())
 }
 
+/// Whether a time constant, behind what was logged, is one of those that are proposed.
+fn is_coarse(lag_s: i32) -> bool {
+    lag_s > 0 && step_of(lag_s).is_some_and(|step| step % COARSE == FIRST)
+}
+
 /// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one and no pause
 /// is longer than they lag: each stands for a sensor that is not there, and must be known as well as one.
 pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
@@ -98,8 +113,7 @@ pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
             && campaign.covariate(logged_side(axis)).is_none_or(differs);
     }
     let Some((logged, lag)) = of_lagged(&column.name) else { return true };
-    let is_coarse = lag > 0 && step_of(lag).is_some_and(|step| step % COARSE == FIRST);
-    is_coarse && longest_pause_s(campaign) <= f64::from(lag) && campaign.covariate(&logged).is_some_and(differs)
+    is_coarse(lag) && longest_pause_s(campaign) <= f64::from(lag) && campaign.covariate(&logged).is_some_and(differs)
 }
 
 fn longest_pause_s(campaign: &Campaign) -> f64 {
