@@ -46,6 +46,8 @@ pub(crate) fn peak_within<E>(
         });
         before = step;
         step = match to_top {
+            // Beside an end, one step over the top brings the other end near as well.
+            Some(to_top) if (at + to_top - low).min(high - at - to_top) < 2.0 * near => near.copysign(middle - at),
             Some(to_top) => to_top,
             None => {
                 before = if at < middle { high - at } else { low - at };
