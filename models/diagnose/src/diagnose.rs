@@ -4,16 +4,15 @@
 //! and campaign in, SI, machine frame; nothing is read or written here.
 
 use crate::alias;
-use crate::aside;
-use crate::candidates::{Candidate, Round, columns_of};
+use crate::aside::{self, Aside};
+use crate::candidates::{Candidate, Round};
 use crate::clock::{self, ClockShift};
-use crate::competing::{self, Competing, Without};
+use crate::competing::{Competing, Without};
 use crate::context::read_by;
 use crate::cut_off::CutOff;
 use crate::diagnosis::{Blocked, Diagnosis, Found, Rival, Unseen};
+use crate::ended::Ended;
 use crate::error::DiagnoseError;
-use crate::explanation::Explanation;
-use crate::floor;
 use crate::gate::{self, Verdict};
 use crate::implausible;
 use crate::judge;
@@ -23,18 +22,16 @@ use crate::late::Late;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
-use crate::same_claim::{has, is_of};
+use crate::same_claim::has;
 use crate::search::{Search, State};
 use crate::step::{Addition, HELD, Step, added};
 use crate::tomorrow::is_course_beside;
-use crate::wander::{Slow, Wander};
-use crate::wandering;
+use crate::wander::Wander;
 use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
-use abbe_geometry::unseen_expansion::UnseenExpansions;
-use abbe_identify::{EffectTerm, Identified, IdentifyError, unseen_expansions};
+use abbe_geometry::model::{FittedEffect, MachineModel};
+use abbe_identify::{EffectTerm, Identified, IdentifyError};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -66,124 +63,140 @@ pub fn diagnose(
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
     let first = search.round(&before)?;
-    let detection_before = noise::detect(&first, campaign, &before.evidence);
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let clock = clock::hold(&search, &mut state, &base, observe)?;
     machine_step::in_place::hold(&search, &mut state, &base, observe)?;
     implausible::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
-    let mut judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
-    let start = (before.clone(), first.clone(), base.clone());
+    let start = Start { before, first, alike, base };
+    let settled = settled(&search, machine, &start, state, observe)?;
+    told(&search, start, settled, clock, observe)
+}
+
+/// What a search begins with.
+struct Start<'a> {
+    before: Identified,
+    /// The rows of that fit, and these under the noise that the search ended with.
+    first: Round<'a>,
+    alike: Round<'a>,
+    /// What the model had before.
+    base: Vec<EffectTerm>,
+}
+
+/// What a search found, judged as a whole.
+struct Settled<'a> {
+    state: State<'a>,
+    judged: Judged,
+    ended: Ended<'a>,
+    /// What was too costly together.
+    withdrawn: Vec<EffectTerm>,
+}
+
+/// Keeps all that was found, or goes back to what the search began with: where lines that no step of it saw are predicted worse, where a step
+/// of the machine explains more, or where it costs more than it tells.
+fn settled<'a>(
+    search: &Search<'a>,
+    machine: &Machine,
+    start: &Start<'a>,
+    mut state: State<'a>,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Settled<'a>, DiagnoseError> {
+    let Start { before, first, alike, base } = start;
+    let beginning = || (before.clone(), first.clone(), base.clone());
+    let judged = Judged::of(search, machine, (alike, base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
-        state.withdraw(start.clone(), because);
+        state.withdraw(beginning(), because);
     }
-    let mut ended = Ended::of(&search, &state, (&before, &alike, &base), judged.unseen.as_ref(), observe)?;
-    let added = state.beside(&base);
-    let of_all = |why: Option<String>| why.map(|because| format!("all that was found together: {because}"));
+    let ended = Ended::of(search, &state, (before, alike, base), judged.unseen.as_ref(), observe)?;
+    let added = state.beside(base);
+    let costs = |model: &MachineModel| -> Result<Option<String>, DiagnoseError> {
+        let why = worth::refusal(&added, model, &ended.weighed()?, search.campaign);
+        Ok(why.map(|because| format!("all that was found together: {because}")))
+    };
     let is_outdone = !added.is_empty() && ended.machine_step.as_ref().is_some_and(|step| step.outdoes_found);
     let because = match is_outdone {
         true => Some("a step of the machine explains more than all that was found together".to_owned()),
-        false => of_all(worth::refusal(&added, &before.model, &ended.weighed()?, campaign)),
+        false => costs(&before.model)?,
     };
-    let mut withdrawn = Vec::new();
-    if let Some(because) = because {
-        let mut without = state.clone();
-        without.withdraw(start.clone(), &because);
-        let plain = Ended::of(&search, &without, (&before, &first, &base), None, observe)?;
-        let because = match is_outdone {
-            true => plain.machine_step.is_some().then_some(because),
-            // What is not told of the machine without it costs as well.
-            false => of_all(worth::refusal(&added, &plain.model, &ended.weighed()?, campaign)),
-        };
-        if let Some(because) = because {
-            state.withdraw(start, &because);
-            if !is_outdone {
-                withdrawn = added;
-            }
-            // What goes may have been a slow change, and that is there without it.
-            let model = ended.slow.told(plain.model.clone()).map_err(IdentifyError::from)?;
-            ended = Ended { model, ..plain };
-            judged =
-                Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
-        }
-    }
+    let Some(because) = because else { return Ok(Settled { state, judged, ended, withdrawn: Vec::new() }) };
+    let mut without = state.clone();
+    without.withdraw(beginning(), &because);
+    let plain = Ended::of(search, &without, (before, first, base), None, observe)?;
+    let because = match is_outdone {
+        true => plain.machine_step.is_some().then_some(because),
+        // What is not told of the machine without it costs as well.
+        false => costs(&plain.model)?,
+    };
+    let Some(because) = because else { return Ok(Settled { state, judged, ended, withdrawn: Vec::new() }) };
+    state.withdraw(beginning(), &because);
+    // What goes may have been a slow change, and that is there without it.
+    let model = ended.slow.told(plain.model.clone()).map_err(IdentifyError::from)?;
+    let unseen_missing = Some(NOTHING.to_owned());
+    let judged = Judged { not_adopted: Some(because), unseen: None, unseen_missing, ..judged };
+    let withdrawn = if is_outdone { Vec::new() } else { added };
+    Ok(Settled { state, judged, ended: Ended { model, ..plain }, withdrawn })
+}
+
+/// What is said of it all.
+fn told(
+    search: &Search,
+    Start { before, first, alike, base }: Start,
+    Settled { mut state, judged, ended, withdrawn }: Settled,
+    clock: Option<ClockShift>,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Diagnosis, DiagnoseError> {
+    let campaign = search.campaign;
     let is_course = |fitted: &FittedEffect| is_course_beside(&base, fitted, campaign);
-    let aside = aside::told(&search, &state, (ended.model, &withdrawn), &is_course, observe)?;
-    ended.model = aside.model;
+    let Aside { model, terms: aside } =
+        aside::told(search, &state, (ended.model.clone(), &withdrawn), &is_course, observe)?;
     state.fit.model = ended.told.clone();
-    let Ended {
-        machine_step,
-        wander,
-        may_wander,
-        slow,
-        zeros,
-        late,
-        left: detection_after,
-        kinds,
-        without,
-        competing,
-        model,
-        ..
-    } = ended;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
     };
-    let last = state.round.clone();
-    let enriched = state.is_enriched();
-    let others = without.iter().zip(competing).zip(&state.terms).filter(|(_, term)| !has(&base, term));
-    let found = found(&search, &state, &kinds, others.map(|(other, _)| other))?;
-    let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
+    let others = ended.without.iter().zip(&ended.competing).zip(&state.terms);
+    let others = others.filter(|(_, term)| !has(&base, term)).map(|(other, _)| other);
+    let found = found(search, &state, &ended.kinds, others)?;
+    let not_identifiable = alias::not_identifiable(&state.round, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
+    let first_of_all =
+        ended.machine_step.iter().map(|_| AFTER_A_STEP.to_owned()).chain(ended.late.as_ref().map(Late::next));
+    next_measurements.splice(0..0, first_of_all);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
-    let set_aside = state.set_aside(&aside.terms);
-    let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
+    let set_aside = state.set_aside(&aside);
+    let enriched = state.is_enriched();
+    let structured = enriched || ended.left.has_structure() || !rejected_lines.is_empty();
     let hangs_together = state.fit.correlation.is_some();
     let nothing = found.is_empty() && judged.not_adopted.is_none();
-    let quiet = nothing && !structured && machine_step.is_none() && wander.is_none();
-    let first = machine_step.iter().map(|_| AFTER_A_STEP.to_owned()).chain(late.as_ref().map(Late::next));
-    next_measurements.splice(0..0, first);
-    let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
+    let quiet = nothing && !structured && ended.machine_step.is_none() && ended.wander.is_none();
     Ok(Diagnosis {
         // What was significant and stays out is no noise either; in correlated noise, it was significant for white noise.
-        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together && may_wander.is_none(),
+        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together && ended.may_wander.is_none(),
         only_correlated: quiet && hangs_together,
-        steps: state
-            .steps
-            .iter()
-            .map(Step::words)
-            .chain(said)
-            .chain(CutOff::all(campaign, &rejected_lines).iter().map(CutOff::words))
-            .chain(clock.as_ref().map(ClockShift::words))
-            .chain(machine_step.as_ref().map(MachineStep::words))
-            .chain(wander.as_ref().map(Wander::words))
-            .chain(may_wander.as_ref().map(Wander::words_of_doubt))
-            .chain(slow.words())
-            .chain(zeros.iter().map(ZeroOfScale::words))
-            .collect(),
+        steps: steps(search, &state, &ended, (&rejected_lines, clock.as_ref())),
         rejected_lines,
-        blocked: blocked(campaign, &alike, &last),
+        blocked: blocked(campaign, &alike, &state.round),
+        detection_before: noise::detect(&first, campaign, &before.evidence),
         before,
         after: state.fit,
         model,
-        detection_before,
-        detection_after,
+        detection_after: ended.left,
         found,
         enriched,
-        machine_step,
-        wander,
-        may_wander,
-        slow,
-        late,
+        machine_step: ended.machine_step,
+        wander: ended.wander,
+        may_wander: ended.may_wander,
+        slow: ended.slow,
+        late: ended.late,
         clock,
         set_aside,
-        not_adopted: judged.not_adopted.map(|because| match has_all(&aside.terms, &withdrawn) {
+        not_adopted: judged.not_adopted.map(|because| match has_all(&aside, &withdrawn) {
             true => format!("{because}; {HELD}"),
             false => because,
         }),
-        holds_aside: !aside.terms.is_empty(),
+        holds_aside: !aside.is_empty(),
         gate: judged.gate,
         unseen: judged.unseen,
         unseen_missing: judged.unseen_missing,
@@ -193,171 +206,30 @@ pub fn diagnose(
     })
 }
 
+/// What was done and seen, one after another, in words.
+fn steps(
+    search: &Search,
+    state: &State,
+    ended: &Ended,
+    (rejected_lines, clock): (&[String], Option<&ClockShift>),
+) -> Vec<String> {
+    let rejected =
+        rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
+    let searched = state.steps.iter().map(Step::words).chain(rejected);
+    searched
+        .chain(CutOff::all(search.campaign, rejected_lines).iter().map(CutOff::words))
+        .chain(clock.map(ClockShift::words))
+        .chain(ended.machine_step.as_ref().map(MachineStep::words))
+        .chain(ended.wander.as_ref().map(Wander::words))
+        .chain(ended.may_wander.as_ref().map(Wander::words_of_doubt))
+        .chain(ended.slow.words())
+        .chain(ended.zeros.iter().map(ZeroOfScale::words))
+        .collect()
+}
+
 /// Whether some terms are there, and all of them are among these.
 fn has_all(terms: &[EffectTerm], some: &[EffectTerm]) -> bool {
     !some.is_empty() && some.iter().all(|term| has(terms, term))
-}
-
-/// What a search comes to: its model with all that stands in its uncertainty.
-struct Ended<'a> {
-    machine_step: Option<MachineStep>,
-    wander: Option<Wander>,
-    may_wander: Option<Wander>,
-    slow: Slow,
-    zeros: Vec<ZeroOfScale>,
-    late: Option<Late>,
-    /// What the residual says beside all that was found.
-    left: noise::Detection,
-    /// What was found, each a cause or a description.
-    kinds: Vec<kind::Judged>,
-    /// The model of the search.
-    told: MachineModel,
-    /// What it leaves unexplained where stands that move are just that (m).
-    stands_alone: [f64; 3],
-    /// Of each term, the fit without it, and what competes with it.
-    without: Vec<Option<Without<'a>>>,
-    competing: Vec<Vec<Competing>>,
-    /// The mean of all that compete, to correct with.
-    model: MachineModel,
-}
-
-impl<'a> Ended<'a> {
-    fn of(
-        search: &Search<'a>,
-        state: &State<'a>,
-        (start, alike, base): (&Identified, &Round, &[EffectTerm]),
-        on_unseen: Option<&Unseen>,
-        observe: &mut dyn FnMut(Progress) -> bool,
-    ) -> Result<Ended<'a>, DiagnoseError> {
-        let campaign = search.campaign;
-        let machine_step = machine_step(search, state, (alike, base), observe)?;
-        let (wander, widening) = match machine_step {
-            // Its courses would describe the step.
-            Some(_) => (None, None),
-            None => wandering::both(search, state, (start, base), observe)?,
-        };
-        let may_wander = widening.clone().filter(|_| wander.is_none());
-        let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
-        let is_found = |fitted: &FittedEffect| !is_of(base, fitted);
-        let found = state.fit.model.parts().effects.iter().filter(|fitted| is_found(fitted));
-        let late = Late::of(found, &state.round, campaign)?;
-        let without = competing::without_each(search, state, base, observe)?;
-        // What is only a course in time corrects nothing, and a step is no slow change.
-        let may_be_slow =
-            |fitted: &FittedEffect| machine_step.is_none() && !is_course_beside(base, fitted, search.campaign);
-        let slow = Slow::of((search, state), &without, &may_be_slow, observe)?;
-        let widened = |model: MachineModel| {
-            let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
-            let model = slow.told(model)?;
-            let model = state.open_waves.iter().try_fold(model, |model, wave| wave.told(model))?;
-            let model = zeros.iter().try_fold(model, |model, zero| zero.told(model))?;
-            late.as_ref().map_or(Ok(model.clone()), |late| late.told(model))
-        };
-        let left = noise::detect(&state.round, campaign, &state.fit.evidence);
-        let sized = widened(state.fit.model.clone()).map_err(IdentifyError::from)?;
-        let mut kinds = kind::judged(search, state, (&sized, &is_found), &without, &left)?;
-        // A step that explains more than all of them: none is the cause.
-        if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
-            kinds.iter_mut().for_each(|own| own.kind = Explanation::Empirical);
-        }
-        kinds.iter_mut().filter(|own| slow.outdoes(&own.fitted)).for_each(|own| own.kind = Explanation::Empirical);
-        let bumps: Vec<EffectTerm> =
-            kinds.iter().filter(|own| own.is_bump()).map(|own| EffectTerm::of(&own.fitted)).collect();
-        let is_bump = |fitted: &FittedEffect| is_of(&bumps, fitted);
-        let told_of = |is_bump: &dyn Fn(&FittedEffect) -> bool| {
-            tomorrow::told(state.fit.model.clone(), &state.round, campaign, (&is_found, is_bump))
-        };
-        let [told, stands_alone] = [told_of(&is_bump), told_of(&|fitted| fitted.effect.moves_stand())];
-        let floor_m = floor::unexplained_m(&state.round, campaign);
-        let unseen = open_expansions(search, (start, &state.fit), base);
-        let whole = |told: Result<MachineModel, ModelError>| -> Result<MachineModel, IdentifyError> {
-            let told = told
-                .and_then(|model| with_unexplained(model, on_unseen, floor_m))
-                .and_then(|model| model.with_unseen_expansions(unseen.clone()))
-                .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
-                .and_then(widened);
-            Ok(told?)
-        };
-        let (told, stands_alone) = (whole(told)?, whole(stands_alone)?.parts().quality.unexplained_m);
-        let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
-        let model = averaged.without(|fitted| is_course_beside(base, fitted, campaign));
-        let model = model.map_err(IdentifyError::from)?;
-        Ok(Ended {
-            machine_step,
-            wander,
-            may_wander,
-            slow,
-            zeros,
-            late,
-            left,
-            kinds,
-            told,
-            stands_alone,
-            without,
-            competing,
-            model,
-        })
-    }
-
-    /// The model as it is weighed against another: the path of the machine's zero that may stand behind stands that move is a rigid motion of all
-    /// points, and is there or not whether or not it is told.
-    fn weighed(&self) -> Result<MachineModel, IdentifyError> {
-        let own_m = self.model.parts().quality.unexplained_m;
-        Ok(self.model.with_unexplained(std::array::from_fn(|d| own_m[d].min(self.stands_alone[d])))?)
-    }
-}
-
-/// The model with what it leaves on lines that no step of the search saw, or that its own fit did not see, where that is more than
-/// on those that it saw.
-fn with_unexplained(
-    model: MachineModel,
-    unseen: Option<&Unseen>,
-    floor_m: [f64; 3],
-) -> Result<MachineModel, ModelError> {
-    let own_m = model.parts().quality.unexplained_m;
-    let unseen_m = unseen.map_or([0.0; 3], |unseen| unseen.unexplained_m);
-    model.with_unexplained(std::array::from_fn(|d| own_m[d].max(unseen_m[d]).max(floor_m[d])))
-}
-
-/// What the data leave open of expansions. What is only a course in time may be one, and corrects nothing: beside it they look smaller than
-/// they may be, so that the fit that the search began with has a say.
-fn open_expansions(search: &Search, (start, fit): (&Identified, &Identified), base: &[EffectTerm]) -> UnseenExpansions {
-    let is_out = |fitted: &FittedEffect| is_course_beside(base, fitted, search.campaign);
-    let of = |fit: &Identified| unseen_expansions(fit, search.instrument, search.campaign, &|fitted| !is_out(fitted));
-    let mut all = of(fit);
-    if fit.model.parts().effects.iter().any(is_out) {
-        let before = of(start);
-        let alike = |sensor: &str| before.by_sensor.iter().find(|other| other.sensor == sensor);
-        all.by_sensor.iter_mut().for_each(|own| {
-            if let Some(other) = alike(&own.sensor) {
-                own.widen(other)
-            }
-        });
-    }
-    all
-}
-
-/// A step of the machine, in place of all that the search found or beside it.
-fn machine_step(
-    search: &Search,
-    state: &State,
-    (alike, base): (&Round, &[EffectTerm]),
-    observe: &mut dyn FnMut(Progress) -> bool,
-) -> Result<Option<MachineStep>, DiagnoseError> {
-    let found: Vec<&EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).collect();
-    let competing = |round: &Round, found: &[&EffectTerm]| -> Result<machine_step::Competing, DiagnoseError> {
-        let found = if found.is_empty() { None } else { Some(columns_of(round, found)?) };
-        let set_aside = state.causes_set_aside().map(|term| columns_of(round, &[term])).collect::<Result<_, _>>()?;
-        Ok(machine_step::Competing { found, set_aside })
-    };
-    let mut go_on = || observe(Progress::Scoring { round: 1, effects: found.len() });
-    match machine_step::find(alike, search.campaign, search.options, &competing(alike, &found)?, &mut go_on)? {
-        None if !found.is_empty() => {
-            let beside = competing(&state.round, &[])?;
-            machine_step::find(&state.round, search.campaign, search.options, &beside, &mut go_on)
-        }
-        step => Ok(step),
-    }
 }
 
 /// The rows of what the model had before, under the noise that the search ended with: only so can both be compared.
@@ -445,12 +317,14 @@ fn found<'a>(
     search: &Search,
     state: &State,
     kinds: &[kind::Judged],
-    others: impl Iterator<Item = (&'a Option<Without<'a>>, Vec<Competing>)>,
+    others: impl Iterator<Item = (&'a Option<Without<'a>>, &'a Vec<Competing>)>,
 ) -> Result<Vec<Found>, DiagnoseError> {
     kinds
         .iter()
         .zip(others)
-        .map(|(judged, (without, competing))| Ok(Found { competing, ..one(search, state, judged, without.as_ref())? }))
+        .map(|(judged, (without, competing))| {
+            Ok(Found { competing: competing.clone(), ..one(search, state, judged, without.as_ref())? })
+        })
         .collect()
 }
 

@@ -72,6 +72,7 @@ mod context;
 mod cut_off;
 mod diagnose;
 mod diagnosis;
+mod ended;
 mod error;
 mod exchange;
 mod explanation;
