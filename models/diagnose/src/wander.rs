@@ -188,13 +188,14 @@ impl<'s> Seen<'s> {
     /// fit once.
     fn of_sets(&self, mut sets: Vec<Motions>, course: &Course) -> Vec<Tested<'_>> {
         sets.extend(Motions::families(&self.places));
-        let all = self.look(Motions::all_of(&sets), course);
-        let projected = self.round.free.project(all.columns().as_ref());
-        let of_set = |motions: Motions| {
-            let own = projected.pick(&all.places_of(&motions));
-            self.look(motions, course).tested(&own)
+        let (all, places) = Motions::all_of(&sets);
+        let projected = self.round.free.project(self.look(all, course).columns().as_ref());
+        let parts = course.parts.len();
+        let of_set = |(motions, places): (Motions, Vec<usize>)| {
+            let columns: Vec<usize> = places.iter().flat_map(|place| place * parts..(place + 1) * parts).collect();
+            self.look(motions, course).tested(&projected.pick(&columns))
         };
-        sets.into_iter().filter_map(of_set).collect()
+        sets.into_iter().zip(places).filter_map(of_set).collect()
     }
 
     fn look(&self, motions: Motions, course: &Course) -> Look<'_> {
@@ -309,13 +310,6 @@ impl<'l> Look<'l> {
 
     fn is_slow_and_alone(&self) -> bool {
         !self.course.returns && self.motions.0.len() == 1
-    }
-
-    /// Which of its columns are those of some of its motions.
-    fn places_of(&self, motions: &Motions) -> Vec<usize> {
-        let parts = self.course.parts.len();
-        let first = |motion| self.motions.0.iter().position(|own| own == motion).map(|place| place * parts);
-        motions.0.iter().filter_map(first).flat_map(|first| first..first + parts).collect()
     }
 
     /// By what the fit leaves of its columns; `None` where the rows are too few, or show nothing of it.

@@ -29,15 +29,17 @@ impl Motions {
         [Motions::linear(places), Motions::quadratic(places)]
     }
 
-    /// Each motion of these sets, once.
-    pub(super) fn all_of(sets: &[Motions]) -> Motions {
+    /// Each motion of these sets, once, and the places of those of each set among them.
+    pub(super) fn all_of(sets: &[Motions]) -> (Motions, Vec<Vec<usize>>) {
         let mut all: Vec<(usize, usize, f64)> = Vec::new();
-        for motion in sets.iter().flat_map(|set| &set.0) {
-            if !all.contains(motion) {
+        let mut place = |motion: &(usize, usize, f64)| {
+            all.iter().position(|own| own == motion).unwrap_or_else(|| {
                 all.push(*motion);
-            }
-        }
-        Motions(all)
+                all.len() - 1
+            })
+        };
+        let places = sets.iter().map(|set| set.0.iter().map(&mut place).collect()).collect();
+        (Motions(all), places)
     }
 
     /// Each motion by itself.
