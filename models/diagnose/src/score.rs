@@ -150,15 +150,11 @@ fn alias_share(group: &Projected, estimate: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::linear::Linear;
-    use rand::{Rng, SeedableRng};
+    use crate::tests::normal;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     const ROWS: usize = 200;
-
-    fn normal(generator: &mut ChaCha8Rng) -> f64 {
-        let (a, b): (f64, f64) = (generator.random(), generator.random());
-        (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
 
     fn scored(seed: u64, size: f64) -> Score {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

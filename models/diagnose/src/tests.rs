@@ -24,8 +24,16 @@ use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
 
 const INSTRUMENT: InstrumentConfig = InstrumentConfig::LASER_TRACER;
+
+/// A normal number of deviation 1.
+pub(crate) fn normal(generator: &mut ChaCha8Rng) -> f64 {
+    let (a, b): (f64, f64) = (generator.random(), generator.random());
+    (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+}
 
 pub(crate) fn machine() -> Machine {
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };

@@ -283,13 +283,9 @@ pub(super) fn left_by(columns: &Mat<f64>, values: &Mat<f64>) -> Mat<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{Rng, SeedableRng};
+    use crate::tests::normal;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-
-    fn normal(generator: &mut ChaCha8Rng) -> f64 {
-        let (a, b): (f64, f64) = (generator.random(), generator.random());
-        (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
 
     /// Noise of 400 rows, beside a straight line.
     fn of_rows(rho: f64, seed: u64) -> Noise {

@@ -189,15 +189,11 @@ fn stacked(above: &Mat<f64>, below: &Mat<f64>) -> Mat<f64> {
 mod tests {
     use super::*;
     use crate::linear::weighted;
-    use rand::{Rng, SeedableRng};
+    use crate::tests::normal;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     const ROWS: usize = 90;
-
-    fn normal(generator: &mut ChaCha8Rng) -> f64 {
-        let (a, b): (f64, f64) = (generator.random(), generator.random());
-        (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
-    }
 
     /// A fit by a constant and a slope, and two columns that act on chains of unlike noise; the last rows are of no chain.
     fn fitted(generator: &mut ChaCha8Rng) -> (Linear, Vec<Vec<usize>>, Mat<f64>) {

@@ -16,7 +16,6 @@ use crate::peak::peak;
 use crate::score::{OfTwo, gain_of_two};
 use abbe_identify::dot;
 use faer::Mat;
-use smallvec::SmallVec;
 use std::f64::consts::TAU;
 
 /// Peaks of the scan whose tops are found, and the share of the highest from which they are: between two steps of the scan a peak
@@ -67,11 +66,7 @@ impl Left {
     }
 
     fn gain(&self, frequency: f64) -> f64 {
-        let turn = |place_m: &f64| (TAU * place_m * frequency).sin_cos();
-        let (sine, cosine): (Values, Values) = self.band.places_m.iter().map(turn).unzip();
-        let gradient = [&sine, &cosine].map(|wave| dot(wave, &self.each.gradient));
-        let [alone, left] = [&self.each.alone, &self.each.left].map(|square| quadratic(&sine, &cosine, square));
-        gain_of_two(gradient, alone, left, self.chi2, self.degrees)
+        self.gains(frequency, 1)[0]
     }
 
     /// The gain at so many frequencies from this one on, a step of the scan apart: products of all of them are taken at once.
@@ -135,21 +130,6 @@ impl Left {
         peaks[..same].sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
         peaks
     }
-}
-
-/// One a position.
-type Values = SmallVec<[f64; 64]>;
-/// Products of a symmetric matrix with sine and cosine on either side.
-fn quadratic(sine: &[f64], cosine: &[f64], square: &Mat<f64>) -> OfTwo {
-    let (mut diagonal, mut beside) = ([0.0; 2], 0.0);
-    for (j, (s, c)) in sine.iter().zip(cosine).enumerate() {
-        let column = square.col_as_slice(j);
-        let [of_sine, of_cosine] = [dot(sine, column), dot(cosine, column)];
-        diagonal[0] += of_sine * s;
-        diagonal[1] += of_cosine * c;
-        beside += of_sine * c;
-    }
-    OfTwo { diagonal, beside }
 }
 
 /// The frequency of its band at which a wave is worth most beside a fit without it; `None` where it has no band.
