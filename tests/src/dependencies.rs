@@ -120,6 +120,16 @@ impl Graph {
             .filter(move |member| member.folder == folder || member.folder.starts_with(&format!("{folder}/")))
     }
 
+    /// Of each room of a layer (`models`, `nodes`) the rooms of that layer that it is built on, by their folders.
+    pub fn arrows(&self, layer: &str) -> BTreeMap<String, BTreeSet<String>> {
+        let folders: BTreeMap<&String, &String> = self.members_below(layer).map(|m| (&m.name, &m.folder)).collect();
+        let room = |(name, folder): (&&String, &&String)| {
+            let direct = self.direct.get(*name).into_iter().flatten();
+            ((*folder).clone(), direct.filter_map(|other| folders.get(other)).map(|folder| (*folder).clone()).collect())
+        };
+        folders.iter().map(room).collect()
+    }
+
     /// Crates of models and evidence that reach ROS, files, runtimes or, but for the network's own, `burn`.
     pub fn impure_models(&self) -> Vec<String> {
         let mut found = Vec::new();
@@ -248,6 +258,14 @@ mod tests {
         for (from, to) in wrong {
             assert_eq!(graph(&members, &[(from, &[to])]).against_direction().len(), 1, "{from} to {to}");
         }
+    }
+
+    #[test]
+    fn rooms_of_a_layer_are_known_with_those_that_they_are_built_on() {
+        let members = [("a", "models/a"), ("b", "models/b"), ("n", "nodes/n")];
+        let arrows = graph(&members, &[("a", &["b", "n", "x"]), ("n", &["a"])]).arrows("models");
+        let on = |folders: &[&str]| folders.iter().map(|folder| (*folder).to_owned()).collect::<BTreeSet<String>>();
+        assert_eq!(arrows, [("models/a".to_owned(), on(&["models/b"])), ("models/b".to_owned(), on(&[]))].into());
     }
 
     #[test]

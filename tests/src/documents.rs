@@ -2,9 +2,22 @@
 //!
 //! Place in the flow: text of a Markdown file or script in, what it lacks out.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 /// Words that a document does not name in code quotes (`` `word` ``).
 pub fn not_named(document: &str, words: &[String]) -> Vec<String> {
     words.iter().filter(|word| !document.contains(&format!("`{word}`"))).cloned().collect()
+}
+
+/// Of each room of a layer, in tables of a map, the rooms that its last column names: ``| `nodes/a` | what it is | `b`, `c` |``.
+pub fn arrows(map: &str, layer: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.trim().trim_matches('|').split('|').collect();
+        let quoted = |cell: &str| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<String>>();
+        let room = quoted(cells.first()?).into_iter().find(|room| room.starts_with(&format!("{layer}/")))?;
+        Some((room, quoted(cells.get(2)?).into_iter().map(|other| format!("{layer}/{other}")).collect()))
+    };
+    map.lines().filter(|line| line.starts_with('|')).filter_map(row).collect()
 }
 
 /// The commands of the first block of code of a document, comments and empty lines left out.
@@ -112,6 +125,14 @@ mod tests {
     fn a_word_that_a_table_lacks_is_caught() {
         let words = ["corrected".to_owned(), "scale/reading".to_owned()];
         assert_eq!(not_named("| `corrected` | x |\n| scale/reading | y |", &words), ["scale/reading"]);
+    }
+
+    #[test]
+    fn a_map_names_rooms_with_those_that_they_are_built_on() {
+        let map = "| room | one line | built on |\n|---|---|---|\n| `nodes/a` | says `x` | `b`, `c` |\n| `nodes/b` | y | |\n| `models/m` | z | `k` |\n";
+        let on = |rooms: &[&str]| rooms.iter().map(|room| (*room).to_owned()).collect::<BTreeSet<String>>();
+        let expected = [("nodes/a".to_owned(), on(&["nodes/b", "nodes/c"])), ("nodes/b".to_owned(), on(&[]))];
+        assert_eq!(arrows(map, "nodes"), expected.into());
     }
 
     #[test]

@@ -22,7 +22,7 @@ const EXPORTS: &str = "nodes/files/src/export";
 const DRIVERS: &str = "nodes/graph/src/driver";
 const FILES: &str = "abbe-files";
 /// What computes with readings, which is more than reading them.
-const SOLVERS: [&str; 3] = ["abbe-identify", "abbe-diagnose", "abbe-residual-training"];
+const SOLVERS: [&str; 4] = ["abbe-identify", "abbe-diagnose", "abbe-plan", "abbe-residual-training"];
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "tests/evidence/virtual-machine";
 
@@ -81,12 +81,21 @@ fn dependencies_point_one_way() {
     );
 }
 
+/// A room that is built on one more is a change of the map, for whoever reads it.
+#[test]
+fn rooms_are_built_on_what_the_map_says() {
+    let graph = Graph::of_workspace();
+    for layer in ["models", "nodes"] {
+        assert_eq!(documents::arrows(&read("ARCHITECTURE.md"), layer), graph.arrows(layer), "map, and {layer}/");
+    }
+}
+
 #[test]
 fn files_are_read_and_written_without_what_solves() {
-    let named = &Graph::of_workspace().direct[FILES];
-    assert!(named.contains("abbe-measurement"), "the graph holds what files are read into");
-    let solvers: Vec<&String> = named.iter().filter(|name| SOLVERS.contains(&name.as_str())).collect();
-    assert!(solvers.is_empty(), "{FILES} names {solvers:?}: what is read belongs into models/measurement");
+    let reached = Graph::of_workspace().reach(FILES);
+    assert!(reached.contains("abbe-measurement"), "the graph holds what files are read into");
+    let solvers: Vec<&String> = reached.iter().filter(|name| SOLVERS.contains(&name.as_str())).collect();
+    assert!(solvers.is_empty(), "{FILES} reaches {solvers:?}: what is read belongs into models/measurement");
 }
 
 #[test]

@@ -33,6 +33,7 @@ mod least_squares;
 pub mod motion;
 pub mod multilateration;
 pub mod network;
+pub mod planned;
 pub mod positioning;
 pub mod probe_pose;
 pub mod residual_vector;

@@ -5,8 +5,9 @@
 
 use crate::covariates::MOTION;
 use crate::error::PlanError;
-use crate::request::{Goal, Lines, Motion, Request, Stand, Tracer};
+use crate::request::Request;
 use crate::sight::{self, Place};
+use abbe_measurement::planned::{Goal, Lines, Motion, Stand, Tracer};
 
 /// Most stations that a plan may have.
 const MOST_STATIONS: usize = 12;

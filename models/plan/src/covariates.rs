@@ -5,8 +5,9 @@
 //! request expects. Covariates in the unit of their names.
 
 use crate::candidates::Candidate;
-use crate::request::{Request, Sensor};
+use crate::request::Request;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
+use abbe_measurement::planned::Sensor;
 
 /// Columns of the motion.
 pub(crate) const MOTION: [&str; 7] =

@@ -14,7 +14,8 @@
 //! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
 //! use abbe_identify::{Belief, IdentifyOptions};
 //! use abbe_measurement::instrument::RangeUncertainty;
-//! use abbe_plan::{Goal, Holder, Lines, Motion, Request, Stand, Tracer, plan};
+//! use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Stand, Tracer};
+//! use abbe_plan::{Request, plan};
 //!
 //! // A moving bridge: X carries Y carries Z, strokes in metres, splines of six intervals.
 //! let tool = |axis| Joint { axis, side: Side::Tool };
@@ -92,6 +93,6 @@ mod timing;
 
 pub use check::check;
 pub use error::PlanError;
-pub use plan::{Line, Plan, Station, plan};
+pub use plan::{Plan, plan};
 pub use promise::{ErrorPromise, Known, Promise, of_campaign, u_over};
-pub use request::{Goal, Holder, Lines, Measured, Motion, Progress, Request, Sensor, Stage, Stand, Tracer, Wish};
+pub use request::{Measured, Progress, Request, Stage, Wish};

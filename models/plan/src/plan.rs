@@ -19,6 +19,7 @@ use abbe_geometry::Vector3;
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, IdentifyError, PlannedRows};
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::planned::{Line, Station};
 
 /// Attempts to bring what identification will state to what is wanted.
 const ATTEMPTS: usize = 6;
@@ -31,36 +32,6 @@ const MOST_OF_SHORTEST: usize = 4;
 
 /// A search with its plan, if there is one, and whether it went to its end.
 type Found<'a> = (Option<(Search<'a>, Plan)>, bool);
-
-/// A station of the plan.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Station {
-    /// Name, unique in plan and campaign.
-    pub name: String,
-    /// Centre of the tracer (m, machine frame).
-    pub position_m: [f64; 3],
-}
-
-/// A line of the plan, in the order of measurement.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Line {
-    /// Name, unique in plan and campaign.
-    pub name: String,
-    /// Index of its station.
-    pub station: usize,
-    /// Index of its holder in the request.
-    pub holder: usize,
-    /// Reflector (m, ram frame).
-    pub offset_m: [f64; 3],
-    /// Readings to go through before its first point, so that the beam is not lost (m).
-    pub via_m: Vec<[f64; 3]>,
-    /// Readings of its points (m), first to last.
-    pub points_m: Vec<[f64; 3]>,
-    /// Time of each point (s since the campaign began).
-    pub times_s: Vec<f64>,
-    /// Feed on the line (m/s).
-    pub feed_m_s: f64,
-}
 
 /// A plan and what it will reach.
 #[derive(Debug, Clone)]

@@ -178,13 +178,13 @@ fn way(request: &Request, from: Candidate, to: Candidate) -> Option<Vec<[f64; 3]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::request::{Goal, Holder, Lines, Motion, Stand, Tracer};
     use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
     use abbe_geometry::{Axis, ErrorId};
     use abbe_identify::{Belief, IdentifyOptions};
     use abbe_measurement::instrument::RangeUncertainty;
+    use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Stand, Tracer};
 
     /// A cube of a metre with a tracer in front of the middle of one side.
     fn request(nearest_m: f64, stand_m: [f64; 3]) -> Request {

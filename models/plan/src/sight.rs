@@ -3,7 +3,8 @@
 //! Place in the flow: [`crate::candidates`] keeps the stretches of lines that are seen, [`crate::route`] the moves between them
 //! during which the beam is not lost. Nominal positions (m, machine frame): errors of micrometres hide no reflector.
 
-use crate::request::{Holder, Request, Tracer};
+use crate::request::Request;
+use abbe_measurement::planned::{Holder, Tracer};
 
 /// Places of a path that are looked at.
 const PLACES: usize = 41;

@@ -3,7 +3,7 @@
 //! Place in the flow: the budget of a plan and the time stamps of its points. A move of a distance d with feed v and
 //! acceleration a takes d/v + v/a, or 2√(d/a) where the feed is not reached; then the machine stands still to be measured.
 
-use crate::request::Motion;
+use abbe_measurement::planned::Motion;
 
 /// Time of a straight move (s).
 pub(crate) fn move_s(distance_m: f64, feed_m_s: f64, acceleration_m_s2: f64) -> f64 {

@@ -5,7 +5,8 @@
 use crate::common::{OFFSETS_M, bridge, drive, measured, request, simulated, verified_inside};
 use abbe_identify::{Belief, in_parallel};
 use abbe_measurement::campaign::Campaign;
-use abbe_plan::{Goal, Measured, Request, plan};
+use abbe_measurement::planned::Goal;
+use abbe_plan::{Measured, Request, plan};
 use abbe_virtual_machine::plan::{LineKind, LineSelection, Plan as Drive, PlanRecipe, presets};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};

@@ -5,7 +5,8 @@
 
 use crate::common::{Kinds, bridge, drive, fyxz, gantry, measured, moving_table, request, simulated, verified};
 use abbe_identify::in_parallel;
-use abbe_plan::{Goal, plan};
+use abbe_measurement::planned::Goal;
+use abbe_plan::plan;
 
 /// Machines of each kind.
 const MACHINES: u64 = 12;

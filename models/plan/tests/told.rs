@@ -5,7 +5,8 @@
 use crate::common::{INSTRUMENT, bridge, drive, request, simulated};
 use abbe_diagnose::{DiagnoseOptions, diagnose};
 use abbe_geometry::effects::Shape;
-use abbe_plan::{Goal, PlanError, Request, Sensor, Stage, Wish, check, plan};
+use abbe_measurement::planned::{Goal, Sensor};
+use abbe_plan::{PlanError, Request, Stage, Wish, check, plan};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::simulate_campaign;
 
@@ -53,7 +54,9 @@ fn a_wish_turns_lines_round_until_both_directions_are_driven() {
     request.tell = vec![Wish { name: "reversal".to_owned(), shape: Shape::new().text("axis", "x") }];
     let plan = plan(&request, &mut |_| true).unwrap();
     let along = |sign: f64| {
-        let of = |line: &&abbe_plan::Line| (line.points_m.last().unwrap()[0] - line.points_m[0][0]) * sign > 0.1;
+        let of = |line: &&abbe_measurement::planned::Line| {
+            (line.points_m.last().unwrap()[0] - line.points_m[0][0]) * sign > 0.1
+        };
         plan.lines.iter().filter(of).count()
     };
     let (up, down) = (along(1.0), along(-1.0));

@@ -1,6 +1,6 @@
 //! The path of a plan in the forms that people and machines read: points and stations as CSV, G-code, I++ DME commands.
 //!
-//! Place in the flow: [`abbe_plan::Plan`] in SI → here → files in mm, s, mm/s. The points are in the columns of a campaign
+//! Place in the flow: a plan in SI → here → files in mm, s, mm/s. The points are in the columns of a campaign
 //! without `length_mm`, so that no fit takes them for measured. [`read_path`] brings them back for the simulator.
 
 use crate::campaign_csv::KNOWN;
@@ -8,7 +8,8 @@ use crate::columns::LENGTH;
 use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use crate::points_csv::unwritten;
-use abbe_plan::{Motion, Plan};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::planned::{Line, Motion, Station};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,14 +21,16 @@ const EVEN_M: f64 = 1e-6;
 /// Columns of the stations' file.
 const STATION: [&str; 4] = ["station", "x_mm", "y_mm", "z_mm"];
 
+/// Stations of a plan, and its lines in order.
+type Planned<'a> = (&'a [Station], &'a [Line]);
+
 /// The nominal points in the columns of a campaign, without lengths.
 ///
 /// # Errors
 /// A text that CSV cannot hold.
-pub fn path_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
+pub fn path_csv(nominal: &Campaign) -> Result<Vec<u8>, FileError> {
     let file = "path.csv";
     let mut writer = Dialect::default().writer(Vec::new());
-    let nominal = &plan.nominal;
     let known = KNOWN.iter().map(|known| known.name).filter(|name| *name != LENGTH.name);
     let covariates = nominal.covariates.iter().map(|covariate| covariate.name.as_str());
     writer.write_record(known.chain(covariates)).map_err(|error| unwritten(file, error))?;
@@ -48,11 +51,11 @@ pub fn path_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
 ///
 /// # Errors
 /// A text that CSV cannot hold.
-pub fn stations_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
+pub fn stations_csv(stations: &[Station]) -> Result<Vec<u8>, FileError> {
     let file = "stations.csv";
     let mut writer = Dialect::default().writer(Vec::new());
     writer.write_record(STATION).map_err(|error| unwritten(file, error))?;
-    for station in &plan.stations {
+    for station in stations {
         let [x, y, z] = station.position_m.map(|v| format!("{:.DIGITS$}", v * 1e3));
         writer.write_record([&station.name, &x, &y, &z]).map_err(|error| unwritten(file, error))?;
     }
@@ -61,10 +64,10 @@ pub fn stations_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
 
 /// A program in the common words of RS-274 controls: absolute, millimetres, a dwell at each point, a stop where somebody has
 /// to move the tracer or the reflector.
-pub fn gcode(plan: &Plan, motion: &Motion, machine: &str) -> String {
+pub fn gcode(planned: Planned, motion: &Motion, machine: &str) -> String {
     let mut text = format!("(planned campaign of {}, scale readings in mm)\nG21 G90 G94\n", plain(machine));
     let fastest_mm_min = motion.feeds_m_s.iter().fold(0.0_f64, |most, feed| most.max(*feed)) * 6e4;
-    each_line(plan, |step| {
+    each_line(planned, |step| {
         // Writing to a string cannot fail.
         let _ = match step {
             Step::Stop(words) => writeln!(text, "(MSG, {})\nM0", plain(&words)),
@@ -84,9 +87,9 @@ pub fn gcode(plan: &Plan, motion: &Motion, machine: &str) -> String {
 
 /// Commands of I++ DME for the machine's server: a GoTo a point. What a person has to do stands in a comment of its own, which a
 /// client shows and does not send.
-pub fn dme(plan: &Plan, motion: &Motion) -> String {
+pub fn dme(planned: Planned, motion: &Motion) -> String {
     let mut text = String::new();
-    each_line(plan, |step| {
+    each_line(planned, |step| {
         let go = |at_m| format!("GoTo({})", axes(at_m, ", ", |axis, mm| format!("{axis}({mm})")));
         // Writing to a string cannot fail.
         let _ = match step {
@@ -108,12 +111,12 @@ enum Step<'a> {
     Measure([f64; 3], f64),
 }
 
-fn each_line(plan: &Plan, mut visit: impl FnMut(Step)) {
+fn each_line((stations, lines): Planned, mut visit: impl FnMut(Step)) {
     let mut before: Option<(usize, usize)> = None;
-    for line in &plan.lines {
+    for line in lines {
         let offset = line.offset_m.map(|v| format!("{:.DIGITS$}", v * 1e3)).join(" ");
         if before.is_none_or(|(station, _)| station != line.station) {
-            let station = &plan.stations[line.station];
+            let station = &stations[line.station];
             let at = station.position_m.map(|v| format!("{:.DIGITS$}", v * 1e3)).join(" ");
             visit(Step::Stop(format!(
                 "tracer to station {} at {at} mm, reflector at offset {offset} mm",

@@ -1,14 +1,14 @@
 //! Request files of `abbe plan`: what there is and what is wanted, TOML to SI.
 //!
-//! Place in the flow: `abbe plan --request` → here → [`abbe_plan::Request`], together with the machine file. Millimetres,
+//! Place in the flow: `abbe plan --request` → here → the request of planning, together with the machine file. Millimetres,
 //! micrometres, microradians, degrees and hours with the unit in the key; unknown keys are refused with their line. What makes
-//! no sense is refused by [`abbe_plan::check`] under the key of the file, which [`PlanRequestFile::place`] finds.
+//! no sense is refused by planning under the key of the file, which [`PlanRequestFile::place`] finds.
 
 use crate::campaign_csv::KNOWN;
 use crate::error::{FileError, Place};
 use crate::toml_place::{line_of, syntax};
 use abbe_geometry::effects::{Shape, ShapeValue};
-use abbe_plan::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer, Wish};
+use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -40,8 +40,8 @@ pub struct PlanRequestFile {
     pub lines: Lines,
     /// What is wanted.
     pub goal: Goal,
-    /// Effects to be told.
-    pub tell: Vec<Wish>,
+    /// Effects to be told: name in the registry, and entries of the shape that each must have.
+    pub tell: Vec<(String, Shape)>,
     /// What will be logged.
     pub sensors: Vec<Sensor>,
     /// Bend of straightness (m), positioning (m) and angles (rad) that is expected, rms about a straight line.
@@ -217,7 +217,7 @@ pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, Fil
             let value = value_of(value).ok_or_else(|| wrong(&path, "is no number or text", "see `abbe diagnose`"))?;
             shape.0.insert(key.clone(), value);
         }
-        tell.push(Wish { name: wish.effect, shape });
+        tell.push((wish.effect, shape));
     }
     for (k, sensor) in document.sensor.iter().enumerate() {
         if KNOWN.iter().any(|known| known.name == sensor.name) {
@@ -254,7 +254,7 @@ pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, Fil
 }
 
 impl PlanRequestFile {
-    /// Where the file has a key as [`abbe_plan::PlanError`] names it, such as `goal.budget_h` or `stand[2] S3`.
+    /// Where the file has a key as planning names it in what it refuses, such as `goal.budget_h` or `stand[2] S3`.
     pub fn place(&self, key: &str) -> Place {
         let path: Vec<String> = key
             .split('.')
@@ -359,7 +359,7 @@ axis = \"x\"
         assert_eq!(request.stands[0].position_m, [-0.2, -0.25, -0.25]);
         assert_eq!(request.stands[3].position_m, [1.1, -0.3, -0.1]);
         assert!((request.holders[0].acceptance.unwrap().1 - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
-        assert_eq!(request.tell[0].shape.0["axis"], ShapeValue::Text("x".to_owned()));
+        assert_eq!(request.tell[0].1.0["axis"], ShapeValue::Text("x".to_owned()));
         assert_eq!(request.place("goal.budget_h").line, Some(2));
         assert_eq!(request.place("stand[0] corner").line, Some(12));
         assert_eq!(request.place("holder[0].acceptance_deg").line, Some(18));

@@ -7,7 +7,8 @@ use abbe_files::{read_campaign_file, read_machine, read_plan_request};
 use abbe_geometry::ErrorId;
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, IdentifyOptions, identify};
-use abbe_plan::{Goal, Known, Request, of_campaign, plan};
+use abbe_measurement::planned::Goal;
+use abbe_plan::{Known, Request, of_campaign, plan};
 use std::path::Path;
 
 #[test]

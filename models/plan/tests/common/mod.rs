@@ -15,7 +15,8 @@ use abbe_geometry::{Axis, ErrorId, Matrix3, Vector3};
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, Identified, IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
-use abbe_plan::{Goal, Holder, Lines, Motion, Plan, Request, Stand, Tracer};
+use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Stand, Tracer};
+use abbe_plan::{Plan, Request};
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::plan::{LinePlan, Plan as Drive, StationPlan};
@@ -175,7 +176,7 @@ pub(crate) fn request(kind: Kinds, goal: Goal) -> Request {
 
 /// The plan as the simulator drives it.
 pub(crate) fn drive(request: &Request, plan: &Plan) -> Drive {
-    let station = |(k, station): (usize, &abbe_plan::Station)| StationPlan {
+    let station = |(k, station): (usize, &abbe_measurement::planned::Station)| StationPlan {
         name: station.name.clone(),
         position_m: station.position_m,
         dead_path_m: 0.05,
@@ -190,7 +191,7 @@ pub(crate) fn drive(request: &Request, plan: &Plan) -> Drive {
     }
 }
 
-fn line_plan(request: &Request, line: &abbe_plan::Line) -> LinePlan {
+fn line_plan(request: &Request, line: &abbe_measurement::planned::Line) -> LinePlan {
     LinePlan {
         name: line.name.clone(),
         from_m: line.points_m[0],

@@ -17,7 +17,7 @@ use abbe_files::{
 use abbe_geometry::ErrorId;
 use abbe_graph::capture::identify_options;
 use abbe_identify::{Belief, IdentifyOptions};
-use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
+use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage, Wish};
 use abbe_report::digits;
 use anyhow::{Context, anyhow, ensure};
 use std::path::PathBuf;
@@ -117,7 +117,7 @@ fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile)
         motion: file.motion.clone(),
         lines: file.lines,
         goal: file.goal,
-        tell: file.tell.clone(),
+        tell: file.tell.iter().map(|(name, shape)| Wish { name: name.clone(), shape: shape.clone() }).collect(),
         sensors: file.sensors.clone(),
         belief,
         seed: file.seed,
@@ -222,10 +222,10 @@ fn write(
 ) -> anyhow::Result<()> {
     let out = &arguments.out;
     let contents: [Vec<u8>; 6] = [
-        path_csv(plan)?,
-        stations_csv(plan)?,
-        gcode(plan, &request.motion, &machine.machine.name).into_bytes(),
-        dme(plan, &request.motion).into_bytes(),
+        path_csv(&plan.nominal)?,
+        stations_csv(&plan.stations)?,
+        gcode((&plan.stations, &plan.lines), &request.motion, &machine.machine.name).into_bytes(),
+        dme((&plan.stations, &plan.lines), &request.motion).into_bytes(),
         serde_json::to_vec_pretty(&planning::json(sources, plan))?,
         planning::report(sources, plan).html()?.into_bytes(),
     ];

@@ -181,7 +181,7 @@ fn readings_words(plan: &Plan) -> String {
 /// Lines that begin where the one before them ended, with the same station and reflector.
 fn joints(plan: &Plan) -> usize {
     let is_same = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_M);
-    let meet = |pair: &&[abbe_plan::Line]| {
+    let meet = |pair: &&[abbe_measurement::planned::Line]| {
         let [before, after] = pair else { return false };
         let (end, start) = (before.points_m.last(), after.points_m.first());
         before.station == after.station

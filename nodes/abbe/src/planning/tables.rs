@@ -22,7 +22,7 @@ fn table(title: &str, note: Option<&str>, columns: Vec<Column>, rows: Vec<Vec<Op
 
 /// Where the tracer stands, and what is measured from there.
 pub(super) fn stations(plan: &Plan) -> Section {
-    let row = |(number, station): (usize, &abbe_plan::Station)| {
+    let row = |(number, station): (usize, &abbe_measurement::planned::Station)| {
         let own = || plan.lines.iter().filter(move |line| line.station == number);
         let [x, y, z] = station.position_m.map(|v| Cell::number(v * 1e3, 0));
         let done = own().filter_map(|line| line.times_s.last()).copied().reduce(f64::max);
@@ -46,7 +46,7 @@ pub(super) fn stations(plan: &Plan) -> Section {
 /// The lines in the order of measurement.
 pub(super) fn path(plan: &Plan) -> Section {
     let text = |at_m: Option<&[f64; 3]>| at_m.map(|p| p.map(|v| digits::plain(v * 1e3, 0)).join(", "));
-    let row = |line: &abbe_plan::Line| {
+    let row = |line: &abbe_measurement::planned::Line| {
         vec![
             Cell::text(&line.name),
             text(line.points_m.first()).and_then(Cell::text),
