@@ -68,7 +68,7 @@ pub(crate) fn without_each<'a>(
             false => Ok(search.attempt_under(&state.machine, &others, state.fit.correlation, observe)?.ok()),
         }
     };
-    side_by_side(state.terms.len(), without, observe).into_iter().collect()
+    side_by_side(state.terms.len(), without, observe)?.into_iter().collect()
 }
 
 /// What is to be told to each model that is taken into the mean.
@@ -83,12 +83,12 @@ pub(crate) fn averaged(
     without: &[Option<Without>],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(MachineModel, Vec<Vec<Competing>>), DiagnoseError> {
-    let kept = |index: usize, observe: &mut dyn FnMut(Progress) -> bool| match &without[index] {
+    let one = |index: usize, observe: &mut dyn FnMut(Progress) -> bool| match &without[index] {
         Some(without) => in_place_of(search, state, (index, without), observe),
         None => Ok(Vec::new()),
     };
-    let kept = side_by_side(without.len(), kept, observe).into_iter();
-    let mut all = kept.collect::<Result<Vec<Vec<Kept>>, DiagnoseError>>()?;
+    let mut all: Vec<Vec<Kept>> =
+        side_by_side(without.len(), one, observe)?.into_iter().collect::<Result<_, DiagnoseError>>()?;
     let kept = || all.iter().flatten();
     if kept().next().is_none() {
         return Ok((found.clone(), all.iter().map(|_| Vec::new()).collect()));

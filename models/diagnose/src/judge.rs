@@ -50,7 +50,7 @@ pub(crate) fn unseen(
         true => one(whole, (machine, base), &dealt.folds[k], (weights, rays), observe),
         false => Err(DiagnoseError::Stopped),
     };
-    for (k, outcome) in side_by_side(dealt.folds.len(), without, observe).into_iter().enumerate() {
+    for (k, outcome) in side_by_side(dealt.folds.len(), without, observe)?.into_iter().enumerate() {
         match outcome {
             Ok((predictions, names)) => {
                 errors.extend(predictions);

@@ -1,20 +1,26 @@
 //! Long pieces of work side by side, with one observer for all.
 //!
-//! Place in the flow: [`crate::judge`] repeats the search without each fold of lines; the folds know nothing of each other. The observer
+//! Place in the flow: [`crate::judge`] repeats the search without each fold of lines, [`crate::competing`] fits without each effect and with
+//! each rival; these know nothing of each other. The observer
 //! belongs to the caller's thread, so the pieces tell theirs what they would tell it. Results come in the order of the pieces and do not
 //! depend on how many threads there are.
 
+use crate::error::DiagnoseError;
 use crate::options::Progress;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 
-/// Works on the pieces 0 … count − 1 on as many threads as the machine has. Once the observer wants to stop, every piece is told so.
+/// Works on the pieces 0 … count − 1 on as many threads as the machine has. Once the observer wants to stop, every piece is told so, and no
+/// other begins.
+///
+/// # Errors
+/// [`DiagnoseError::Stopped`] where the observer wanted that, whenever it said so: a piece may have asked for the last time.
 pub(crate) fn side_by_side<R: Send>(
     count: usize,
     work: impl Fn(usize, &mut dyn FnMut(Progress) -> bool) -> R + Sync,
     observe: &mut dyn FnMut(Progress) -> bool,
-) -> Vec<R> {
+) -> Result<Vec<R>, DiagnoseError> {
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(count);
     let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
     let done: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::new());
@@ -26,7 +32,7 @@ pub(crate) fn side_by_side<R: Send>(
                 let mut observe = |progress| tell.send(progress).is_ok() && !stopped.load(Ordering::Relaxed);
                 loop {
                     let piece = next.fetch_add(1, Ordering::Relaxed);
-                    if piece >= count {
+                    if piece >= count || stopped.load(Ordering::Relaxed) {
                         break;
                     }
                     let result = work(piece, &mut observe);
@@ -41,9 +47,12 @@ pub(crate) fn side_by_side<R: Send>(
             }
         }
     });
+    if stopped.into_inner() {
+        return Err(DiagnoseError::Stopped);
+    }
     let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(piece, _)| *piece);
-    done.into_iter().map(|(_, result)| result).collect()
+    Ok(done.into_iter().map(|(_, result)| result).collect())
 }
 
 #[cfg(test)]
@@ -67,9 +76,9 @@ mod tests {
             told.push(progress);
             true
         });
-        assert_eq!(results, [0, 1, 4, 9, 16, 25, 36, 49, 64]);
+        assert_eq!(results.unwrap(), [0, 1, 4, 9, 16, 25, 36, 49, 64]);
         assert_eq!(told.len(), 9);
-        assert_eq!(side_by_side(0, work, &mut |_| true), [0_usize; 0]);
+        assert_eq!(side_by_side(0, work, &mut |_| true).unwrap(), [0_usize; 0]);
     }
 
     #[test]
@@ -81,6 +90,13 @@ mod tests {
             }
             piece
         };
-        assert_eq!(side_by_side(3, work, &mut |_| false), [0, 1, 2]);
+        assert!(matches!(side_by_side(3, work, &mut |_| false), Err(DiagnoseError::Stopped)));
+    }
+
+    /// The word came when the last piece had asked for the last time: nobody heard of it.
+    #[test]
+    fn regress_a_stop_in_the_last_moment_is_a_stop() {
+        let work = |piece: usize, observe: &mut dyn FnMut(Progress) -> bool| observe(judging(piece));
+        assert!(matches!(side_by_side(1, work, &mut |_| false), Err(DiagnoseError::Stopped)));
     }
 }
