@@ -19,6 +19,15 @@ const USUAL_STATIONS: usize = 6;
 const MOST_STANDS: usize = 400;
 const SEE: &str = "the page on planning in the handbook has a whole request";
 
+/// An effect that the campaign shall tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectToTell {
+    /// Name in the registry of effects.
+    pub effect: String,
+    /// Entries of the shape that it must have, such as the axis.
+    pub shape: Shape,
+}
+
 /// What a request file says, in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanRequestFile {
@@ -40,8 +49,8 @@ pub struct PlanRequestFile {
     pub lines: Lines,
     /// What is wanted.
     pub goal: Goal,
-    /// Effects to be told: name in the registry, and entries of the shape that each must have.
-    pub tell: Vec<(String, Shape)>,
+    /// Effects to be told.
+    pub tell: Vec<EffectToTell>,
     /// What will be logged.
     pub sensors: Vec<Sensor>,
     /// Bend of straightness (m), positioning (m) and angles (rad) that is expected, rms about a straight line.
@@ -217,7 +226,7 @@ pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, Fil
             let value = value_of(value).ok_or_else(|| wrong(&path, "is no number or text", "see `abbe diagnose`"))?;
             shape.0.insert(key.clone(), value);
         }
-        tell.push((wish.effect, shape));
+        tell.push(EffectToTell { effect: wish.effect, shape });
     }
     for (k, sensor) in document.sensor.iter().enumerate() {
         if KNOWN.iter().any(|known| known.name == sensor.name) {
@@ -359,7 +368,7 @@ axis = \"x\"
         assert_eq!(request.stands[0].position_m, [-0.2, -0.25, -0.25]);
         assert_eq!(request.stands[3].position_m, [1.1, -0.3, -0.1]);
         assert!((request.holders[0].acceptance.unwrap().1 - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
-        assert_eq!(request.tell[0].1.0["axis"], ShapeValue::Text("x".to_owned()));
+        assert_eq!(request.tell[0].shape.0["axis"], ShapeValue::Text("x".to_owned()));
         assert_eq!(request.place("goal.budget_h").line, Some(2));
         assert_eq!(request.place("stand[0] corner").line, Some(12));
         assert_eq!(request.place("holder[0].acceptance_deg").line, Some(18));

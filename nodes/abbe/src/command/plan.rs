@@ -117,7 +117,7 @@ fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile)
         motion: file.motion.clone(),
         lines: file.lines,
         goal: file.goal,
-        tell: file.tell.iter().map(|(name, shape)| Wish { name: name.clone(), shape: shape.clone() }).collect(),
+        tell: file.tell.iter().map(|own| Wish { name: own.effect.clone(), shape: own.shape.clone() }).collect(),
         sensors: file.sensors.clone(),
         belief,
         seed: file.seed,
