@@ -81,7 +81,8 @@ impl<'a> Round<'a> {
         Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
     }
 
-    /// The same fit, where effects read what this campaign logged: the same readings with other covariates.
+    /// The same fit, where effects read what this campaign logged: the same readings with covariates of which none is read by an effect of
+    /// the fit.
     pub(crate) fn logged_as<'b>(&self, campaign: &'b Campaign) -> Round<'b>
     where
         'a: 'b,

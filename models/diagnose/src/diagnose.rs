@@ -77,8 +77,9 @@ pub fn diagnose(
 /// What a search begins with.
 struct Start<'a> {
     before: Identified,
-    /// The rows of that fit, and these under the noise that the search ended with.
+    /// The rows of that fit.
     first: Round<'a>,
+    /// The same under the noise that the search ended with.
     alike: Round<'a>,
     /// What the model had before.
     base: Vec<EffectTerm>,
@@ -147,49 +148,49 @@ fn told(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Diagnosis, DiagnoseError> {
     let campaign = search.campaign;
+    let rejected_lines = rejected_lines(campaign, &state.fit.weights);
+    let steps = steps(search, &state, &ended, (&rejected_lines, clock.as_ref()));
+    let Ended { machine_step, wander, may_wander, slow, late, left, kinds, told, without, competing, model, .. } =
+        ended;
     let is_course = |fitted: &FittedEffect| is_course_beside(&base, fitted, campaign);
-    let Aside { model, terms: aside } =
-        aside::told(search, &state, (ended.model.clone(), &withdrawn), &is_course, observe)?;
-    state.fit.model = ended.told.clone();
+    let Aside { model, terms: aside } = aside::told(search, &state, (model, &withdrawn), &is_course, observe)?;
+    state.fit.model = told;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
     };
-    let others = ended.without.iter().zip(&ended.competing).zip(&state.terms);
-    let others = others.filter(|(_, term)| !has(&base, term)).map(|(other, _)| other);
-    let found = found(search, &state, &ended.kinds, others)?;
+    let others = without.iter().zip(competing).zip(&state.terms).filter(|(_, term)| !has(&base, term));
+    let found = found(search, &state, &kinds, others.map(|(other, _)| other))?;
     let not_identifiable = alias::not_identifiable(&state.round, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
-    let first_of_all =
-        ended.machine_step.iter().map(|_| AFTER_A_STEP.to_owned()).chain(ended.late.as_ref().map(Late::next));
+    let first_of_all = machine_step.iter().map(|_| AFTER_A_STEP.to_owned()).chain(late.as_ref().map(Late::next));
     next_measurements.splice(0..0, first_of_all);
-    let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside(&aside);
     let enriched = state.is_enriched();
-    let structured = enriched || ended.left.has_structure() || !rejected_lines.is_empty();
+    let structured = enriched || left.has_structure() || !rejected_lines.is_empty();
     let hangs_together = state.fit.correlation.is_some();
     let nothing = found.is_empty() && judged.not_adopted.is_none();
-    let quiet = nothing && !structured && ended.machine_step.is_none() && ended.wander.is_none();
+    let quiet = nothing && !structured && machine_step.is_none() && wander.is_none();
     Ok(Diagnosis {
         // What was significant and stays out is no noise either; in correlated noise, it was significant for white noise.
-        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together && ended.may_wander.is_none(),
+        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together && may_wander.is_none(),
         only_correlated: quiet && hangs_together,
-        steps: steps(search, &state, &ended, (&rejected_lines, clock.as_ref())),
+        steps,
         rejected_lines,
         blocked: blocked(campaign, &alike, &state.round),
         detection_before: noise::detect(&first, campaign, &before.evidence),
         before,
         after: state.fit,
         model,
-        detection_after: ended.left,
+        detection_after: left,
         found,
         enriched,
-        machine_step: ended.machine_step,
-        wander: ended.wander,
-        may_wander: ended.may_wander,
-        slow: ended.slow,
-        late: ended.late,
+        machine_step,
+        wander,
+        may_wander,
+        slow,
+        late,
         clock,
         set_aside,
         not_adopted: judged.not_adopted.map(|because| match has_all(&aside, &withdrawn) {
@@ -317,14 +318,12 @@ fn found<'a>(
     search: &Search,
     state: &State,
     kinds: &[kind::Judged],
-    others: impl Iterator<Item = (&'a Option<Without<'a>>, &'a Vec<Competing>)>,
+    others: impl Iterator<Item = (&'a Option<Without<'a>>, Vec<Competing>)>,
 ) -> Result<Vec<Found>, DiagnoseError> {
     kinds
         .iter()
         .zip(others)
-        .map(|(judged, (without, competing))| {
-            Ok(Found { competing: competing.clone(), ..one(search, state, judged, without.as_ref())? })
-        })
+        .map(|(judged, (without, competing))| Ok(Found { competing, ..one(search, state, judged, without.as_ref())? }))
         .collect()
 }
 

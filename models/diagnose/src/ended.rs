@@ -1,7 +1,7 @@
 //! What a search comes to: its model with all that stands in its uncertainty.
 //!
 //! Place in the flow: the end of [`crate::diagnose()`], once for what the search found, and once more without it where that costs more than
-//! it tells. Lengths in m.
+//! it tells, or a step of the machine explains more. Lengths in m.
 
 use crate::candidates::{Round, columns_of};
 use crate::competing::{self, Competing, Without};

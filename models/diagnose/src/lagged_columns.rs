@@ -37,7 +37,7 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
     with_steps(campaign, asked, |_| true)
 }
 
-/// The same with those steps alone that are proposed to effects.
+/// The same with those time constants alone that are proposed to effects.
 pub(crate) fn with_proposed_lags(campaign: &Campaign) -> Campaign {
     with_steps(campaign, [], is_coarse)
 }
@@ -161,6 +161,23 @@ mod tests {
         let lags_s: Vec<i32> = known.covariates.iter().filter_map(|c| of_lagged(&c.name)).map(|(_, lag)| lag).collect();
         assert!(lags_s.len() > 10 && lags_s.iter().all(|lag_s| *lag_s > 0), "{lags_s:?}");
         assert!(lags_s.iter().all(|lag_s| f64::from(*lag_s) <= LONGEST * 60.0 * 399.0), "{lags_s:?}");
+    }
+
+    #[test]
+    fn proposed_lags_are_those_of_all_that_are_proposed() {
+        let values = (0..400).map(|k| Some(20.0 + (0.05 * f64::from(k)).sin())).collect();
+        let campaign = Campaign {
+            readings: (0..400).map(|k| reading(60.0 * f64::from(k))).collect(),
+            covariates: vec![Covariate { name: "temp_air_c".to_owned(), values }],
+            ..Campaign::default()
+        };
+        let (all, some) = (with_lags(&campaign, []), with_proposed_lags(&campaign));
+        let proposed = |known: &Campaign| {
+            let own = known.covariates.iter().filter(|column| is_proposed(known, column));
+            own.map(|column| column.name.clone()).collect::<Vec<String>>()
+        };
+        assert_eq!(proposed(&all), proposed(&some));
+        assert!(proposed(&some).len() > 2 && 4 * some.covariates.len() < all.covariates.len());
     }
 
     /// Times from 1970 beside times since the campaign began: the search for time constants has to end.

@@ -28,6 +28,8 @@ pub(crate) fn peak_within<E>(
     share: f64,
     mut value: impl FnMut(f64) -> Result<f64, E>,
 ) -> Result<f64, E> {
+    // What has no value is no peak.
+    let mut value = |at: f64| value(at).map(|of| if of.is_nan() { f64::NEG_INFINITY } else { of });
     let near = 0.5 * share * (high - low);
     let first = low + GOLDEN * (high - low);
     let of_first = value(first)?;
@@ -42,7 +44,7 @@ pub(crate) fn peak_within<E>(
         }
         let to_top = top(&best).filter(|to_top| {
             let is_inside = at + to_top > low && at + to_top < high;
-            is_inside && to_top.abs() < 0.5 * before.abs()
+            is_inside && before.abs() > near && to_top.abs() < 0.5 * before.abs()
         });
         before = step;
         step = match to_top {
@@ -118,7 +120,13 @@ mod tests {
             asked += 1;
             (-(at - 0.3_f64).powi(2)).exp() + 0.01 * at
         });
-        assert!((at - 0.305).abs() < 1e-3 && asked <= 12, "{at} {asked}");
+        assert!((at - 0.305_000_125).abs() < 1e-6 && asked <= 12, "{at} {asked}");
+        let mut asked = 0;
+        let Ok(at) = peak_within((0.0, 1.0), 0.02, |at: f64| {
+            asked += 1;
+            Ok::<f64, Infallible>(-(at - 0.3).powi(2))
+        });
+        assert!((at - 0.3).abs() < 0.01 && asked <= 6, "{at} {asked}");
     }
 
     #[test]
@@ -127,6 +135,8 @@ mod tests {
             assert!((-1.0..=1.0).contains(&peak((-1.0, 1.0), function)));
         }
         assert_eq!(peak((2.0, 2.0), |at| at), 2.0);
+        let half = |at: f64| if at < 0.5 { f64::NAN } else { -(at - 0.7).powi(2) };
+        assert!((peak((0.0, 1.0), half) - 0.7).abs() < 1e-6);
     }
 
     #[test]

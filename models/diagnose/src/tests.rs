@@ -3,13 +3,14 @@
 //! Place in the flow: beside `tests/`, which sees whole diagnoses. Simulated campaigns, SI.
 
 use crate::aside;
+use crate::candidates::{Candidate, Round, columns_of};
 use crate::exchange;
 use crate::gate;
 use crate::options::DiagnoseOptions;
 use crate::score::Score;
 use crate::search::{Search, State};
 use crate::step::Step;
-use crate::{candidates::Candidate, paired, tomorrow, worth};
+use crate::{paired, tomorrow, worth};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{Shape, known};
@@ -120,6 +121,24 @@ fn regress_what_neither_fit_can_predict_refuses_no_effect() {
         let verdict = gate::judge(&without, &search.round(&fit).unwrap(), &campaign, &terms);
         assert_eq!(verdict.refused, None, "{injected}: {verdict:#?}");
     }
+}
+
+/// Rows of a fit whose effects read no log are the same whatever was logged, and what is read of another log is read of that.
+#[test]
+fn a_fit_reads_another_log_as_if_it_had_been_fitted_beside_it() {
+    let (machine, campaign) = simulated(9, &[]);
+    let options = DiagnoseOptions::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let state = state(&search, &machine);
+    let mut other = campaign.clone();
+    other.covariates.iter_mut().for_each(|column| column.values.reverse());
+    let shape = Shape::new().text("axis", "x").text("sensor", "temp_air_c");
+    let term = [&EffectTerm::new("scale_expansion", shape, &machine).unwrap()];
+    let told = |round: &Round| round.free.project(columns_of(round, &term).unwrap().as_ref());
+    let anew = Round::new(&state.fit, INSTRUMENT.range, &other).unwrap();
+    let (anew, known, before) = (told(&anew), told(&state.round.logged_as(&other)), told(&state.round));
+    assert_eq!((anew.gradient, anew.left), (known.gradient.clone(), known.left));
+    assert_ne!(known.gradient, before.gradient);
 }
 
 /// A candidate that looks best and cannot be fitted is set aside with its reason, and the next one is tried at once.

@@ -105,7 +105,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// The same rows, where effects read what this campaign logged: the same readings with other covariates.
+    /// The same rows, where effects read what this campaign logged: the same readings with covariates of which none is read by an effect of
+    /// the fit.
     pub fn logged_as<'b>(&self, campaign: &'b Campaign) -> Rows<'b>
     where
         'a: 'b,
