@@ -95,4 +95,4 @@ pub use check::check;
 pub use error::PlanError;
 pub use plan::{Plan, plan};
 pub use promise::{ErrorPromise, Known, Promise, of_campaign, u_over};
-pub use request::{Measured, Progress, Request, Stage, Wish};
+pub use request::{Measured, Progress, Request, Stage};

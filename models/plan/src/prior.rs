@@ -9,9 +9,9 @@ use crate::covariates::MOTION;
 use crate::design::inverse;
 use crate::error::PlanError;
 use crate::promise::spread_m;
-use crate::request::{Request, Wish};
+use crate::request::Request;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{Observed, Shape, construct, known};
+use abbe_geometry::effects::{Observed, Shape, Wish, construct, known};
 use abbe_identify::{EffectTerm, IdentifyError, PlannedRows, STATION_PARAMETERS, TIME, U_ABSOLUTE_ZERO_M};
 use faer::Mat;
 

@@ -3,22 +3,13 @@
 //! Place in the flow: filled by the command line from a request file, or by a test. SI, machine frame; nothing here has a
 //! hidden default elsewhere. [`crate::check()`] refuses what makes no sense, by the key of the request file.
 
-use abbe_geometry::effects::Shape;
+use abbe_geometry::effects::Wish;
 use abbe_geometry::machine::Machine;
 use abbe_identify::station_start::StationStart;
 use abbe_identify::{Belief, Identified, IdentifyOptions, OrderChoice};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer};
-
-/// An effect that the campaign shall tell.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Wish {
-    /// Name in the registry of effects.
-    pub name: String,
-    /// Entries of the shape that it must have, such as the axis.
-    pub shape: Shape,
-}
 
 /// A campaign already measured, and its fit.
 #[derive(Debug, Clone)]

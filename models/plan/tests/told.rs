@@ -4,9 +4,9 @@
 
 use crate::common::{INSTRUMENT, bridge, drive, request, simulated};
 use abbe_diagnose::{DiagnoseOptions, diagnose};
-use abbe_geometry::effects::Shape;
+use abbe_geometry::effects::{Shape, Wish};
 use abbe_measurement::planned::{Goal, Sensor};
-use abbe_plan::{PlanError, Request, Stage, Wish, check, plan};
+use abbe_plan::{PlanError, Request, Stage, check, plan};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::simulate_campaign;
 

@@ -65,7 +65,7 @@ pub use identity_file::read_identity;
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_contents::{DataSource, Doubt, ModelFile, ResidualReference};
 pub use plan_path::{PathLine, PathStation, dme, gcode, path_csv, read_path, stations_csv};
-pub use plan_request::{EffectToTell, PlanRequestFile, parse_plan_request, read_plan_request};
+pub use plan_request::{PlanRequestFile, parse_plan_request, read_plan_request};
 pub use points_csv::{
     ADDED_COLUMNS, CovariatePlace, PointRow, PointsReader, PointsWriter, RowCovariates, RowsForm, RowsText, status_word,
 };

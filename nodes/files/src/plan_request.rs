@@ -7,7 +7,7 @@
 use crate::campaign_csv::KNOWN;
 use crate::error::{FileError, Place};
 use crate::toml_place::{line_of, syntax};
-use abbe_geometry::effects::{Shape, ShapeValue};
+use abbe_geometry::effects::{Shape, ShapeValue, Wish};
 use abbe_measurement::planned::{Goal, Holder, Lines, Motion, Sensor, Stand, Tracer};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -18,15 +18,6 @@ const USUAL_STATIONS: usize = 6;
 /// Most stands of a region.
 const MOST_STANDS: usize = 400;
 const SEE: &str = "the page on planning in the handbook has a whole request";
-
-/// An effect that the campaign shall tell.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EffectToTell {
-    /// Name in the registry of effects.
-    pub effect: String,
-    /// Entries of the shape that it must have, such as the axis.
-    pub shape: Shape,
-}
 
 /// What a request file says, in SI.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +41,7 @@ pub struct PlanRequestFile {
     /// What is wanted.
     pub goal: Goal,
     /// Effects to be told.
-    pub tell: Vec<EffectToTell>,
+    pub tell: Vec<Wish>,
     /// What will be logged.
     pub sensors: Vec<Sensor>,
     /// Bend of straightness (m), positioning (m) and angles (rad) that is expected, rms about a straight line.
@@ -226,7 +217,7 @@ pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, Fil
             let value = value_of(value).ok_or_else(|| wrong(&path, "is no number or text", "see `abbe diagnose`"))?;
             shape.0.insert(key.clone(), value);
         }
-        tell.push(EffectToTell { effect: wish.effect, shape });
+        tell.push(Wish { name: wish.effect, shape });
     }
     for (k, sensor) in document.sensor.iter().enumerate() {
         if KNOWN.iter().any(|known| known.name == sensor.name) {

@@ -43,7 +43,7 @@ mod zero_jump;
 pub use empirical::legendre;
 pub use known::{Construct, Known, Observed, Refine};
 pub use registry::{REGISTRY, construct, known};
-pub use shape::{EffectError, Shape, ShapeValue};
+pub use shape::{EffectError, Shape, ShapeValue, Wish};
 pub use source::{
     CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, TIME, is_scale, known_covariate,
 };

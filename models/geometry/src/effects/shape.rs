@@ -23,6 +23,15 @@ pub enum ShapeValue {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Shape(pub BTreeMap<String, ShapeValue>);
 
+/// An effect that a measurement shall tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wish {
+    /// Name in the registry of effects.
+    pub name: String,
+    /// Entries of the shape that it must have, such as the axis.
+    pub shape: Shape,
+}
+
 /// An unknown effect or a shape that does not fit it.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EffectError {

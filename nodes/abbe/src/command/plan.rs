@@ -17,7 +17,7 @@ use abbe_files::{
 use abbe_geometry::ErrorId;
 use abbe_graph::capture::identify_options;
 use abbe_identify::{Belief, IdentifyOptions};
-use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage, Wish};
+use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
 use abbe_report::digits;
 use anyhow::{Context, anyhow, ensure};
 use std::path::PathBuf;
@@ -117,7 +117,7 @@ fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile)
         motion: file.motion.clone(),
         lines: file.lines,
         goal: file.goal,
-        tell: file.tell.iter().map(|own| Wish { name: own.effect.clone(), shape: own.shape.clone() }).collect(),
+        tell: file.tell.clone(),
         sensors: file.sensors.clone(),
         belief,
         seed: file.seed,

@@ -7,8 +7,8 @@ mod tables;
 
 use crate::next::Next;
 use abbe_files::MachineFile;
-use abbe_geometry::effects::{Shape, ShapeValue};
-use abbe_plan::{Plan, Promise, Request, Wish};
+use abbe_geometry::effects::{Shape, ShapeValue, Wish};
+use abbe_plan::{Plan, Promise, Request};
 use abbe_report::diagnosis::{parameter_name, readable_unit, shape_words as words_of_shape};
 use abbe_report::{Identity, MetaItem, digits};
 use serde_json::{Value, json};

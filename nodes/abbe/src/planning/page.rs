@@ -3,7 +3,8 @@
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
 use super::{Outcome, Sources, outcome, readings_words, shape_in_words, tables, time_words, um};
-use abbe_plan::{Plan, Promise, Wish};
+use abbe_geometry::effects::Wish;
+use abbe_plan::{Plan, Promise};
 use abbe_report::{
     Axis, Callout, CellMap, CellPanel, Identity, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem,
     Quantity, Report, Section, Tone,
