@@ -15,6 +15,7 @@ use crate::lags::{apart, is_lagged, place_of};
 use crate::logs::between;
 use crate::options::Progress;
 use crate::same_claim::has;
+use crate::score::score_of;
 use crate::search::{Search, State};
 use crate::step::Step;
 use abbe_geometry::effects::is_derived;
@@ -188,7 +189,7 @@ impl Look<'_, '_> {
 /// Evidence of all these together.
 fn together(round: &Round, terms: &[&EffectTerm]) -> Result<f64, DiagnoseError> {
     let columns = columns_of(round, terms)?;
-    Ok(round.score(&round.free.project(columns.as_ref())).evidence(round.used, 1))
+    Ok(score_of(&round.free, columns.as_ref()).evidence(round.used, 1))
 }
 
 /// Shifts that are tried (s), none of them zero.

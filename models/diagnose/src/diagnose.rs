@@ -23,6 +23,7 @@ use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::has;
+use crate::score::score_of;
 use crate::search::{Search, State};
 use crate::step::{Addition, HELD, Step, added};
 use crate::tomorrow::is_course_beside;
@@ -342,7 +343,7 @@ fn one(
     if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(without, &columns, search.campaign, draws).ok();
-        alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;
+        alias_share = score_of(&without.free, columns.as_ref()).alias_share;
         let lines = gate::judge(without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
         held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
     }

@@ -3,11 +3,11 @@
 //! Place in the flow: every candidate effect, every pair of quantities and every finer error function is judged here,
 //! from [`crate::linear::Projected`]. No units: whitened rows.
 
-use crate::linear::{Projected, column, factor_above};
+use crate::linear::{Linear, Projected, column, factor_above};
 use abbe_identify::symmetric_eigen;
 use abbe_measurement::chance::beyond;
 use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
+use faer::{Mat, MatRef, Side};
 use statrs::distribution::FisherSnedecor;
 
 /// Share of a direction's information that must be left for it to be tested: a twentieth of its amplitude. What is left
@@ -64,6 +64,11 @@ pub fn score(group: &Projected, chi2: f64, degrees: f64) -> Score {
     let gain = if tested == 0 { 0.0 } else { gain_of(reduction, chi2, degrees) };
     let p_value = p_of(reduction, tested, remaining, rest);
     Score { reduction, degrees: tested, p_value, gain, alias_share: alias_share(group, &estimate), estimate }
+}
+
+/// Tests columns (rows × m, whitened) against a fit.
+pub(crate) fn score_of(fit: &Linear, columns: MatRef<f64>) -> Score {
+    score(&fit.project(columns), fit.chi2(), fit.degrees())
 }
 
 /// A symmetric matrix of two columns: its diagonal, and what stands beside it.
@@ -149,7 +154,6 @@ fn alias_share(group: &Projected, estimate: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linear::Linear;
     use crate::tests::normal;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -162,7 +166,7 @@ mod tests {
         let group = Mat::from_fn(ROWS, 3, |_, _| normal(&mut generator));
         let observed: Vec<f64> = (0..ROWS).map(|k| size * group[(k, 1)] + normal(&mut generator)).collect();
         let (fit, _) = Linear::least_squares(base, &observed).unwrap();
-        score(&fit.project(group.as_ref()), fit.chi2(), fit.degrees())
+        score_of(&fit, group.as_ref())
     }
 
     #[test]
@@ -243,7 +247,7 @@ mod tests {
         let observed: Vec<f64> = (0..ROWS).map(|k| (k as f64 * 0.7).sin()).collect();
         let (fit, _) = Linear::least_squares(base.clone(), &observed).unwrap();
         let group = Mat::from_fn(ROWS, 2, |k, j| base[(k, j)] + base[(k, 3)]);
-        let found = score(&fit.project(group.as_ref()), fit.chi2(), fit.degrees());
+        let found = score_of(&fit, group.as_ref());
         assert_eq!((found.degrees, found.p_value), (0, 1.0));
     }
 }

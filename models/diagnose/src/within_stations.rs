@@ -9,6 +9,7 @@
 use crate::candidates::Round;
 use crate::context::{in_turn, is_of_the_room, read_by};
 use crate::error::DiagnoseError;
+use crate::score::score_of;
 use crate::search::Search;
 use crate::tomorrow::still_growing;
 use abbe_geometry::effects::of_lagged;
@@ -39,8 +40,7 @@ pub(crate) fn refusal(
     // What the machine's own errors hold takes nothing away from what single stations tell.
     let Ok(beside) = round.free.widened(&[on_average], round.used) else { return Ok(None) };
     let own = effect(&round.rows, fitted)?;
-    let beside = Round { free: std::sync::Arc::new(beside), ..round.clone() };
-    let score = beside.score(&beside.free.project(own.as_ref()));
+    let score = score_of(&beside, own.as_ref());
     // What single stations tell pays for all figures of the effect: they were fitted to all stations together.
     let price = fitted.parameters.len() as f64 * (round.used.max(2) as f64).ln();
     let is_told = score.estimate.iter().all(|size| *size > 0.0) && score.gain > price;

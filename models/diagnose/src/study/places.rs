@@ -10,7 +10,7 @@ use super::fit::Fit;
 use super::placing::tried;
 use super::view::View;
 use crate::error::DiagnoseError;
-use crate::score::score;
+use crate::score::score_of;
 use abbe_measurement::chance::beyond;
 use faer::Mat;
 use statrs::distribution::FisherSnedecor;
@@ -40,7 +40,7 @@ pub(super) fn goes_through_places(
     rows.iter().zip(&of_row).for_each(|(row, place)| places[(*row, *place)] = 1.0);
     let linear = fit.with_columns(view.whitened(&simpler(view, candidate)).as_ref())?;
     let tested = |columns: &Mat<f64>| {
-        let found = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
+        let found = score_of(&linear, view.whitened(columns).as_ref());
         (found.reduction, found.degrees)
     };
     let (wave, own) = tested(&columns);

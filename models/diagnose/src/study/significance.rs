@@ -15,7 +15,7 @@ use super::together::score_together;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, joined, picked};
-use crate::score::score;
+use crate::score::{score, score_of};
 use abbe_identify::in_parallel;
 use abbe_measurement::chance::beyond;
 use faer::Mat;
@@ -74,7 +74,7 @@ pub(super) fn probability_beside(
         };
         let columns = whiten(&columns);
         let found = match chains.len() {
-            1 => score(&linear.project(columns.as_ref()), linear.chi2(), linear.degrees()),
+            1 => score_of(&linear, columns.as_ref()),
             _ => score_together(&linear, &each, &columns),
         };
         Ok(weight * found.p_value)

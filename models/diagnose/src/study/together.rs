@@ -11,7 +11,7 @@
 use super::combinations::{PLACES, combinations};
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, column, covariance_of, factor_above, joined, picked};
-use crate::score::{LEFT, Score, inverse_root, score};
+use crate::score::{LEFT, Score, inverse_root, score, score_of};
 use abbe_identify::trace_of_product;
 use abbe_measurement::chance::beyond;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
@@ -51,7 +51,7 @@ struct Weighted {
 
 /// Tests columns, whitened as the fit is, that act on these chains (rows of each).
 pub(super) fn score_together(fit: &Linear, rows: &[Vec<usize>], whitened: &Mat<f64>) -> Score {
-    together(fit, rows, whitened).unwrap_or_else(|_| score(&fit.project(whitened.as_ref()), fit.chi2(), fit.degrees()))
+    together(fit, rows, whitened).unwrap_or_else(|_| score_of(fit, whitened.as_ref()))
 }
 
 fn together(fit: &Linear, rows: &[Vec<usize>], whitened: &Mat<f64>) -> Result<Score, DiagnoseError> {

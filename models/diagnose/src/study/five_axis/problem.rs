@@ -11,7 +11,7 @@ use super::chain::{Acts, Flaws, Pose, point};
 use super::effects::{Known, REGISTRY};
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
-use crate::score::{Score, score};
+use crate::score::{Score, score_of};
 use crate::study::candidate::{Candidate, Local, Study};
 use crate::study::outcome::Untestable;
 use abbe_geometry::Vector3;
@@ -205,7 +205,7 @@ impl Study for Spheres {
                 (0..3).for_each(|d| columns[(3 * i + d, 3 * k + d)] = 1.0 / self.sigma_m[*i]);
             }
         }
-        let score = score(&linear.project(columns.as_ref()), linear.chi2(), linear.degrees());
+        let score = score_of(&linear, columns.as_ref());
         Some(("centres at the same A and C".to_owned(), score))
     }
 
