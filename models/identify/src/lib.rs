@@ -5,23 +5,22 @@
 //! l = |q(reading, offset; errors) − station| − dead path; all unknowns are found together, from no start values,
 //! by weighted, penalised Gauss-Newton least squares (FYXZ paper eq. 4-9 with Liang 2025's chain).
 //!
-//! A simulated campaign in, the errors of the machine with their uncertainty out:
+//! Ranges in, the errors of the machine with their uncertainty out:
 //!
 //! ```
 //! use abbe_geometry::error_function::FunctionKind;
 //! use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
-//! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
+//! use abbe_geometry::{Axis, ErrorId, Vector3, rotation::RotationForm};
 //! use abbe_identify::{IdentifyOptions, identify};
-//! use abbe_virtual_machine::{SimulationConfig, TruthRecipe, plan::presets, simulate_campaign};
-//! use abbe_virtual_machine::{environment::EnvironmentConfig, instrument::InstrumentConfig};
+//! use abbe_measurement::campaign::{Campaign, RangeReading};
+//! use abbe_measurement::instrument::RangeUncertainty;
 //!
-//! // What the maker says of a moving bridge: X carries Y carries Z, strokes in metres, splines of nine intervals.
-//! let tool = |axis| Joint { axis, side: Side::Tool };
+//! // What the maker says of a moving bridge: X carries Y carries Z, strokes in metres, splines of six intervals.
 //! let square = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
 //! let machine = Machine {
 //!     name: "bridge".to_owned(),
 //!     frame_id: "bridge".to_owned(),
-//!     joints: [tool(Axis::X), tool(Axis::Y), tool(Axis::Z)],
+//!     joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
 //!     stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
 //!     squareness: [
 //!         square("C0Y", Axis::Y, Axis::Z),
@@ -29,29 +28,47 @@
 //!         square("A0Z", Axis::Z, Axis::X),
 //!     ],
 //!     rotation: RotationForm::Exact,
-//!     kinds: [Some(FunctionKind::BSpline { intervals: 9 }); ErrorId::COUNT],
-//!     repeatability_m: [0.25e-6; 3],
+//!     kinds: [Some(FunctionKind::BSpline { intervals: 6 }); ErrorId::COUNT],
+//!     repeatability_m: [0.1e-6; 3],
 //!     u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
 //!     default_offset_m: None,
 //! };
 //!
-//! // What a tracer measured on it: here the simulator's tracer, on a machine that only the simulator knows.
-//! let truth = TruthRecipe::default().bridge_xyz()?;
-//! let campaign = simulate_campaign(&SimulationConfig {
-//!     seed: 7,
-//!     plan: presets::case_like(truth.stroke_m, 7).build()?,
-//!     machine: truth,
-//!     instrument: InstrumentConfig::LASER_TRACER,
-//!     environment: EnvironmentConfig::constant(),
-//!     effects: Vec::new(),
-//! })?
-//! .campaign;
+//! // What a tracer saw from four places, by three reflector offsets, along the edges and through the middle of the volume. Here the
+//! // machine is one whose X scale is short by 12 µm/m, and nothing else is wrong with it.
+//! let stations = [[-0.3, -0.2, -0.1], [1.1, -0.2, -0.2], [-0.2, 0.9, -0.1], [0.9, 0.8, 0.9]];
+//! let offsets = [[0.0, 0.0, -0.06], [0.15, 0.0, -0.06], [0.0, 0.15, -0.09]];
+//! let mut campaign = Campaign { stations: ["A", "B", "C", "D"].map(str::to_owned).to_vec(), ..Campaign::default() };
+//! for (station, place) in stations.into_iter().enumerate() {
+//!     let mut first = None;
+//!     for (offset_m, axis, k) in offsets.iter().flat_map(|offset| (0..27).map(move |k| (*offset, k / 9, k % 9))) {
+//!         let line = campaign.lines.len() as u32;
+//!         campaign.lines.push(format!("line {line}"));
+//!         for i in 0..11 {
+//!             let share = |d: usize| [i as f64 / 10.0, (k % 3) as f64 / 2.0, (k / 3) as f64 / 2.0][(3 + d - axis) % 3];
+//!             let reading_m = [0, 1, 2].map(|d| machine.stroke_m[d].1 * share(d));
+//!             let actual_m = Vector3::from(reading_m) + Vector3::new(12e-6 * reading_m[0], 0.0, 0.0);
+//!             let range_m = (actual_m + Vector3::from(offset_m) - Vector3::from(place)).norm();
+//!             let number = campaign.readings.len() as f64;
+//!             let noise_m = 0.2e-6 * (number * number).sin();
+//!             campaign.readings.push(RangeReading {
+//!                 station: station as u32,
+//!                 line,
+//!                 time_s: 4.0 * number,
+//!                 reading_m,
+//!                 offset_m,
+//!                 // An interferometer counts from where it was set to zero.
+//!                 length_m: range_m + noise_m - *first.get_or_insert(range_m),
+//!             });
+//!         }
+//!     }
+//! }
 //!
-//! let range = InstrumentConfig::LASER_TRACER.range;
+//! let range = RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.0, common_per_metre: 0.0 };
 //! let found = identify(&machine, range, &campaign, &IdentifyOptions::default(), &mut |_progress| true)?;
 //! let exx = ErrorId::all().find(|id| id.name() == "EXX").expect("one of the 18 error functions");
-//! let (error_m, u_m) = found.model.error(exx, 0.4);
-//! assert!(error_m.abs() < 50e-6 && u_m < 1e-6, "{error_m} ± {u_m} m");
+//! let (error_m, u_m) = found.model.error(exx, 0.8);
+//! assert!((error_m - 9.6e-6).abs() < 3.0 * u_m && u_m < 0.5e-6, "{error_m} ± {u_m} m");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
