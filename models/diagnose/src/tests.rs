@@ -7,17 +7,19 @@ use crate::candidates::{Candidate, Round, columns_of};
 use crate::exchange;
 use crate::gate;
 use crate::options::DiagnoseOptions;
+use crate::order::enriched;
 use crate::score::Score;
 use crate::search::{Search, State};
 use crate::step::Step;
+use crate::taken::Taken;
 use crate::{paired, tomorrow, worth};
-use abbe_geometry::Axis;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
+use abbe_geometry::{Axis, ErrorId};
 use abbe_identify::{CampaignRow, EffectTerm};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::effects::from_text;
@@ -25,6 +27,7 @@ use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
+use faer::Mat;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
@@ -139,6 +142,43 @@ fn a_fit_reads_another_log_as_if_it_had_been_fitted_beside_it() {
     let (anew, known, before) = (told(&anew), told(&state.round.logged_as(&other)), told(&state.round));
     assert_eq!((anew.gradient, anew.left), (known.gradient.clone(), known.left));
     assert_ne!(known.gradient, before.gradient);
+}
+
+/// A search that made the error functions finer may take all back, and what its fit says of a slow change is told of the model that it
+/// began with: it stood at the places of other parameters.
+#[test]
+fn regress_what_a_finer_fit_took_finds_its_place_in_a_coarser_one() {
+    let (mut machine, campaign) = simulated(9, &[]);
+    machine.kinds = [Some(FunctionKind::BSpline { intervals: 5 }); 18];
+    let options = DiagnoseOptions::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let [coarse, fine] = [machine.clone(), enriched(&machine)].map(|machine| state(&search, &machine));
+    let (before, of_fine) = (&coarse.fit.model, &fine.fit.model);
+    let eyx = ErrorId::all().find(|id| id.name() == "EYX").unwrap();
+    let bend_m = |x_m: f64| 1e-6 * x_m * (x_m - 0.8) * (x_m - 0.3);
+    let (squareness_rad, dead_path_m) = (2e-6, 3e-6);
+    let rows = &fine.round.rows;
+    let mut moved = Mat::zeros(1 + rows.parameters.iter().max().unwrap(), 1);
+    for (place, value) in of_fine.layout().range(eyx).zip(of_fine.layout().basis(eyx).unwrap().coefficients_of(bend_m))
+    {
+        moved[(place, 0)] = value;
+    }
+    moved[(of_fine.layout().squareness().start + 1, 0)] = squareness_rad;
+    moved[(of_fine.machine_parameters() + 7, 0)] = dead_path_m;
+    let of_rows = Mat::from_fn(rows.parameters.len(), 1, |k, _| moved[(rows.parameters[k], 0)]);
+    let mut parts = before.parts().clone();
+    Taken::new(of_fine, rows, &of_rows * of_rows.transpose()).add(before, &mut parts.covariance);
+    let after = MachineModel::new(parts).unwrap();
+    let grown = |u: (f64, f64)| (u.1.powi(2) - u.0.powi(2)).max(0.0).sqrt();
+    for x_m in [0.1, 0.25, 0.5, 0.75] {
+        let grown_m = grown((before.error(eyx, x_m).1, after.error(eyx, x_m).1));
+        assert!((grown_m - bend_m(x_m).abs()).abs() < 1e-12, "{x_m}: {grown_m} for {}", bend_m(x_m));
+    }
+    assert!((grown((before.squareness(1).1, after.squareness(1).1)) - squareness_rad).abs() < 1e-12);
+    let dead_path = before.machine_parameters() + 7;
+    let added = after.covariance(dead_path, dead_path) - before.covariance(dead_path, dead_path);
+    assert!((added.sqrt() - dead_path_m).abs() < 1e-12);
+    assert_eq!(before.error(ErrorId::all().next().unwrap(), 0.4), after.error(ErrorId::all().next().unwrap(), 0.4));
 }
 
 /// A candidate that looks best and cannot be fitted is set aside with its reason, and the next one is tried at once.

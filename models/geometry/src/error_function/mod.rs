@@ -194,10 +194,23 @@ impl Basis {
 
     /// Coefficients that reproduce t^power (made zero at the ends as the closure asks), where the basis holds it.
     ///
-    /// Used to look at a rich basis through its first few shapes. Least squares on a dense grid, exact for
-    /// cubics in a B-spline.
+    /// Used to look at a rich basis through its first few shapes. Exact for cubics in a B-spline.
     pub fn coefficients_of_power(&self, power: i32) -> Vec<f64> {
+        self.closest(|t| t.powi(power) - if self.closure == Closure::BothEnds { t } else { 0.0 })
+    }
+
+    /// Coefficients of the function that comes closest to this one of the position (m), by least squares on a dense grid.
+    pub fn coefficients_of(&self, function: impl Fn(f64) -> f64) -> Vec<f64> {
+        let (lower_m, upper_m) = self.stroke_m();
+        self.closest(|t| function(lower_m + t * (upper_m - lower_m)))
+    }
+
+    /// The same of a function of the place in the stroke, 0 … 1.
+    fn closest(&self, function: impl Fn(f64) -> f64) -> Vec<f64> {
         let n = self.len();
+        if n == 0 {
+            return Vec::new();
+        }
         let rows = 4 * n + 8;
         let mut matrix = nalgebra::DMatrix::zeros(rows, n);
         let mut target = nalgebra::DVector::zeros(rows);
@@ -207,7 +220,7 @@ impl Basis {
             for k in 0..local.len {
                 matrix[(row, local.first + k)] = local.values[k];
             }
-            target[row] = t.powi(power) - if self.closure == Closure::BothEnds { t } else { 0.0 };
+            target[row] = function(t);
         }
         match matrix.svd(true, true).solve(&target, 1e-12) {
             Ok(solution) => solution.iter().copied().collect(),
@@ -280,6 +293,20 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_spline_is_the_same_with_twice_the_knots() {
+        for closure in [Closure::Origin, Closure::BothEnds] {
+            let of = |intervals| Basis::new(FunctionKind::BSpline { intervals }, closure, -0.1, 0.7).unwrap();
+            let (coarse, fine) = (of(5), of(10));
+            let coefficients: Vec<f64> = (0..coarse.len()).map(|k| (k as f64 * 1.7).sin()).collect();
+            let finer = fine.coefficients_of(|x| coarse.at(x).dot(&coefficients));
+            let again = coarse.coefficients_of(|x| fine.at(x).dot(&finer));
+            assert!(again.iter().zip(&coefficients).all(|(a, b)| (a - b).abs() < 1e-12), "{again:?} {coefficients:?}");
+        }
+        let straight = Basis::new(FunctionKind::Polynomial { degree: 1 }, Closure::BothEnds, 0.0, 1.0).unwrap();
+        assert_eq!(straight.coefficients_of(f64::sin), [], "a straight straightness has no coefficients");
     }
 
     #[test]
