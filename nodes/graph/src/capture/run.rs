@@ -126,86 +126,160 @@ pub fn capture(
 ) -> Result<Ending, CaptureError> {
     let own = Shutdown::manual();
     let (give, given) = sync_channel(QUEUE);
-    let (mut links, mover) = open((config, base, machine), &own, &give)?;
-    let mut wheel =
+    let (links, mover) = open((config, base, machine), &own, &give)?;
+    let wheel =
         config.drive.zip(mover).map(|(drive, mover)| Wheel::new(Driving::new(config, &drive, &machine.machine), mover));
-    let mut fitter = Fitter::start(machine.clone(), volume_of(capturer.planned())).map_err(CaptureError::Thread)?;
-    let outcome = (|| {
-        fitter.fit(campaign_of(capturer.planned(), capturer.taken(), machine.absolute_range).campaign);
-        let mut has_news = false;
-        let mut refused = [0_u64; 3];
-        loop {
-            if shutdown.requested() && wheel.as_mut().is_none_or(|wheel| wheel.may_end(shutdown, capturer, show)) {
-                return Ok(Ending::Stopped);
-            }
-            if let Some(wheel) = &mut wheel {
-                wheel.turn(shutdown, capturer, show)?;
-            }
-            for link in &mut links {
-                if let Some(words) = link.news() {
-                    show(capturer, Shown::Link(words));
-                }
-            }
-            if let Some(found) = fitter.found() {
-                show(capturer, Shown::SoFar(&found));
-                if let Ok(SoFar { model, .. }) = found {
-                    capturer.learn(model);
-                }
-            }
-            if has_news && fitter.is_idle() {
-                fitter.fit(campaign_of(capturer.planned(), capturer.taken(), machine.absolute_range).campaign);
-                has_news = false;
-            }
-            let mut told = match given.recv_timeout(LOOK_UP) {
-                Ok(Given::Scale(reading, is_way_broken)) => {
-                    if is_way_broken {
-                        capturer.forget_motion();
-                    }
-                    capturer.scale(*reading)
-                }
-                Ok(Given::Tracer(reading)) => capturer.tracer(&reading),
-                Ok(Given::Refused(driver, why)) => {
-                    note_refused(driver, why, &mut refused, |words| show(capturer, Shown::Link(words)));
-                    Vec::new()
-                }
-                Ok(Given::Ended(driver, why)) => return Err(CaptureError::Ended { driver, why }),
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => Vec::new(),
-            };
-            let said = confirmed.try_recv();
-            let has_said = match &mut wheel {
-                Some(wheel) => wheel.is_confirmed(&said)?,
-                None => said.is_ok(),
-            };
-            // A driven set-up that the drivers do not tell begins with its first move.
-            let is_next = wheel.as_ref().is_none_or(|wheel| {
-                !(config.tells_station() && config.tells_offset()) && wheel.driving.set_up() > capturer.set_up()
-            });
-            if has_said
-                && is_next
-                && let Ok(stamp) = stamp_of(SystemTime::now())
-            {
-                told.extend(capturer.confirm(stamp));
-            }
-            if let (Some(wheel), true) = (&mut wheel, has_said) {
-                let steps = wheel.driving.confirm();
-                wheel.take(steps, capturer, show)?;
-            }
-            for one in &told {
-                if let Told::Entry(entry) = one {
-                    journal.append(entry)?;
-                }
-            }
-            for one in &told {
-                show(capturer, Shown::Told(one));
-                has_news |= matches!(one, Told::LineDone(_));
-                if *one == Told::AllDone {
-                    return Ok(Ending::Complete);
-                }
-            }
-        }
-    })();
+    let fitter = Fitter::start(machine.clone(), volume_of(capturer.planned())).map_err(CaptureError::Thread)?;
+    let mut running = Running {
+        config,
+        machine,
+        capturer,
+        journal,
+        shutdown,
+        show,
+        links,
+        wheel,
+        fitter,
+        given,
+        confirmed,
+        refused: [0; 3],
+        has_news: false,
+    };
+    let outcome = running.run();
     own.request();
     outcome
+}
+
+/// A capture on its way.
+struct Running<'a> {
+    config: &'a CaptureConfig,
+    machine: &'a MachineFile,
+    capturer: &'a mut Capturer,
+    journal: &'a mut CaptureJournal,
+    shutdown: &'a Shutdown,
+    show: &'a mut dyn FnMut(&Capturer, Shown),
+    links: Vec<Watched>,
+    /// Where the machine is driven.
+    wheel: Option<Wheel>,
+    fitter: Fitter,
+    given: Receiver<Given>,
+    confirmed: &'a Receiver<Instant>,
+    /// Lines of scale, tracer and sensors that were no readings.
+    refused: [u64; 3],
+    /// A line is done that no fit knows yet.
+    has_news: bool,
+}
+
+impl Running<'_> {
+    fn run(&mut self) -> Result<Ending, CaptureError> {
+        self.fit();
+        loop {
+            if self.shutdown.requested() && self.may_end() {
+                return Ok(Ending::Stopped);
+            }
+            if let Some(wheel) = &mut self.wheel {
+                wheel.turn(self.shutdown, self.capturer, self.show)?;
+            }
+            for words in self.links.iter_mut().filter_map(Watched::news) {
+                (self.show)(self.capturer, Shown::Link(words));
+            }
+            self.hear_of_fits();
+            // What was captured is written before anything else can end the capture.
+            let told = self.hear_of_drivers()?;
+            if self.keep(&told)? {
+                return Ok(Ending::Complete);
+            }
+            let told = self.hear_of_confirmation()?;
+            if self.keep(&told)? {
+                return Ok(Ending::Complete);
+            }
+        }
+    }
+
+    fn may_end(&mut self) -> bool {
+        self.wheel.as_mut().is_none_or(|wheel| wheel.may_end(self.shutdown, self.capturer, self.show))
+    }
+
+    /// Asks for a fit of all that is there.
+    fn fit(&mut self) {
+        let (planned, taken) = (self.capturer.planned(), self.capturer.taken());
+        self.fitter.fit(campaign_of(planned, taken, self.machine.absolute_range).campaign);
+    }
+
+    fn hear_of_fits(&mut self) {
+        if let Some(found) = self.fitter.found() {
+            (self.show)(self.capturer, Shown::SoFar(&found));
+            if let Ok(SoFar { model, .. }) = found {
+                self.capturer.learn(model);
+            }
+        }
+        if self.has_news && self.fitter.is_idle() {
+            self.fit();
+            self.has_news = false;
+        }
+    }
+
+    /// Waits a moment for what a driver gives.
+    fn hear_of_drivers(&mut self) -> Result<Vec<Told>, CaptureError> {
+        Ok(match self.given.recv_timeout(LOOK_UP) {
+            Ok(Given::Scale(reading, is_way_broken)) => {
+                if is_way_broken {
+                    self.capturer.forget_motion();
+                }
+                self.capturer.scale(*reading)
+            }
+            Ok(Given::Tracer(reading)) => self.capturer.tracer(&reading),
+            Ok(Given::Refused(driver, why)) => {
+                let show = |words| (self.show)(self.capturer, Shown::Link(words));
+                note_refused(driver, why, &mut self.refused, show);
+                Vec::new()
+            }
+            Ok(Given::Ended(driver, why)) => return Err(CaptureError::Ended { driver, why }),
+            Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => Vec::new(),
+        })
+    }
+
+    /// What follows where somebody says that the next set-up stands, or that the machine may move.
+    fn hear_of_confirmation(&mut self) -> Result<Vec<Told>, CaptureError> {
+        let said = self.confirmed.try_recv();
+        let has_said = match &self.wheel {
+            Some(wheel) => wheel.is_confirmed(&said)?,
+            None => said.is_ok(),
+        };
+        if !has_said {
+            return Ok(Vec::new());
+        }
+        // A driven set-up that the drivers do not tell begins with its first move.
+        let is_told = self.config.tells_station() && self.config.tells_offset();
+        let begins = |wheel: &Wheel| !is_told && wheel.driving.set_up() > self.capturer.set_up();
+        let is_next = self.wheel.as_ref().is_none_or(begins);
+        let told = match stamp_of(SystemTime::now()) {
+            Ok(stamp) if is_next => self.capturer.confirm(stamp),
+            _ => Vec::new(),
+        };
+        if let Some(wheel) = &mut self.wheel {
+            let steps = wheel.driving.confirm();
+            wheel.take(steps, self.capturer, self.show)?;
+        }
+        Ok(told)
+    }
+
+    /// Writes what is told into the journal, and shows it then; whether all is captured.
+    fn keep(&mut self, told: &[Told]) -> Result<bool, CaptureError> {
+        for one in told {
+            if let Told::Entry(entry) = one {
+                self.journal.append(entry)?;
+            }
+        }
+        for one in told {
+            (self.show)(self.capturer, Shown::Told(one));
+            self.has_news |= matches!(one, Told::LineDone(_));
+            if *one == Told::AllDone {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
 }
 
 /// The hands on the machine.

@@ -41,8 +41,8 @@ use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
 use abbe_runtime::realtime::RealtimeError;
 use abbe_runtime::ros::{
-    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, StaticPeers, offer_best_effort,
-    resolve,
+    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, ParameterTable, RosArgs, RosError, StaticPeers,
+    offer_best_effort, resolve,
 };
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
@@ -282,6 +282,52 @@ fn say(word: &str) {
     let _ = writeln!(std::io::stdout(), "{word}");
 }
 
+/// Parameters of a node, which are in its launch file's values then: of the file, over them of ROS arguments, over these what was set while
+/// the node ran, whatever was given at the first start.
+fn parameter_table(
+    call: &NodeCall,
+    launch: &mut Launch,
+    identity: &NodeIdentity,
+    is_secured: bool,
+) -> Result<ParameterTable, NodeError> {
+    let out_of_name = call.ros_args.out_of_name(call.name.name(), identity);
+    out_of_name.iter().for_each(|words| tracing::warn!("{words}"));
+    let as_told = &call.as_told.parameters;
+    parameters::apply(as_told.iter().map(|(name, value)| (name.as_str(), value)), launch, call.name);
+    let mut assignments = call.ros_args.parameters.clone();
+    assignments.retain(|one| !as_told.contains_key(&one.name));
+    let qos = parameters::qos(launch, call.name, |topic| resolve(topic, identity, &call.ros_args.remaps));
+    let mut qos = qos.map_err(RosError::from)?;
+    if is_secured {
+        offer_best_effort(&mut qos);
+    }
+    let table = parameters::table(launch, call.name, qos).map_err(RosError::from)?;
+    let table = table.with_assignments(identity, &assignments).map_err(RosError::from)?;
+    // One of the nodes says it for all.
+    if call.launcher_pid.is_none() || launch.nodes.first() == Some(&call.name) {
+        let strangers = parameters::strangers(launch, &call.ros_args)?;
+        strangers.iter().for_each(|stranger| tracing::warn!("{stranger}"));
+    }
+    let table = if launch.commands_from_ros { table } else { table.fixed() };
+    parameters::apply(table.values(), launch, call.name);
+    Ok(table)
+}
+
+/// The time that a node goes by.
+fn clock_of(ros: Option<&GatewayNode>, uses_sim_time: bool) -> Clock {
+    match ros {
+        Some(node) => node.clock(),
+        // Nothing is ahead of a clock that says nothing, and nothing else asks for it.
+        None if uses_sim_time => {
+            tracing::warn!(
+                "use_sim_time is set, but this node is not in the ROS graph and hears no /clock; leave out visible_in_ros = false"
+            );
+            Clock::simulated()
+        }
+        None => Clock::of_system(),
+    }
+}
+
 impl NodeContext {
     fn open(call: NodeCall, shutdown: Shutdown) -> Result<NodeContext, NodeError> {
         let mut launch = Launch::read_with(&call.launch_file, &call.instead)?;
@@ -292,45 +338,21 @@ impl NodeContext {
             .ros_args
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
-        let out_of_name = call.ros_args.out_of_name(call.name.name(), &identity);
-        out_of_name.iter().for_each(|words| tracing::warn!("{words}"));
-        // What was set while the node ran holds, whatever was given at the first start.
-        let as_told = call.as_told;
-        parameters::apply(
-            as_told.parameters.iter().map(|(name, value)| (name.as_str(), value)),
-            &mut launch,
-            call.name,
-        );
-        let mut assignments = call.ros_args.parameters.clone();
-        assignments.retain(|one| !as_told.parameters.contains_key(&one.name));
-        let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
-        let mut qos = qos.map_err(RosError::from)?;
-        // Nothing of a node that is not in the graph needs keys.
         let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
-        if matches!(enclave, Ok(Some(_))) {
-            offer_best_effort(&mut qos);
-        }
-        let table = parameters::table(&launch, call.name, qos).map_err(RosError::from)?;
-        let table = table.with_assignments(&identity, &assignments).map_err(RosError::from)?;
-        // One of the nodes says it for all.
-        if call.launcher_pid.is_none() || launch.nodes.first() == Some(&call.name) {
-            let strangers = parameters::strangers(&launch, &call.ros_args)?;
-            strangers.iter().for_each(|stranger| tracing::warn!("{stranger}"));
-        }
-        let table = if launch.commands_from_ros { table } else { table.fixed() };
-        parameters::apply(table.values(), &mut launch, call.name);
+        let table = parameter_table(&call, &mut launch, &identity, matches!(enclave, Ok(Some(_))))?;
         let uses_sim_time = table.uses_sim_time();
-        let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
         let has_launcher = call.launcher_pid.is_some();
-        let changes = Changes::new(as_told.parameters, has_launcher);
+        let changes = Changes::new(call.as_told.parameters.clone(), has_launcher);
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
+            // Nothing of a node that is not in the graph needs keys.
             let enclave = enclave.map_err(RosError::from)?;
             let peers = StaticPeers::from_environment(domain.range).map_err(RosError::from)?;
+            let remaps = call.ros_args.remaps.clone();
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref(), launch.uses(call.name, TransportKind::Zenoh))?,
-                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave, peers },
+                node: NodeOptions { identity, domain, remaps, parameters: table, enclave, peers },
                 run: call.run.clone(),
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),
@@ -341,30 +363,19 @@ impl NodeContext {
         } else {
             None
         };
-        let clock = match &ros {
-            Some(node) => node.clock(),
-            // Nothing is ahead of a clock that says nothing, and nothing else asks for it.
-            None if uses_sim_time => {
-                tracing::warn!(
-                    "use_sim_time is set, but this node is not in the ROS graph and hears no /clock; leave out visible_in_ros = false"
-                );
-                Clock::simulated()
-            }
-            None => Clock::of_system(),
-        };
-        config.remaps = remaps;
-        let lifecycle = Lifecycle::new(&shutdown, launch.autostart, as_told.stays, has_launcher);
+        let clock = clock_of(ros.as_ref(), uses_sim_time);
+        let lifecycle = Lifecycle::new(&shutdown, launch.autostart, call.as_told.stays, has_launcher);
         if let Some(node) = &ros {
             lifecycle.serve(node, &machine.machine.name, launch.commands_from_ros)?;
         }
-        let whole_run = call.run.clone();
-        let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
+        let NodeCall { name, life, launcher_pid, run: whole_run, ros_args, .. } = call;
+        let run = whole_run.clone().filter(|_| launch.uses(name, TransportKind::SharedMemory));
+        config.remaps = ros_args.remaps;
         config.run.clone_from(&run);
         config.gateway = ros.clone();
         config.remembers = true;
         let edges = Edges::open(config)?;
         let unready = Cell::new(has_launcher);
-        let NodeCall { name, life, launcher_pid, .. } = call;
         Ok(NodeContext {
             name,
             launch,
