@@ -100,6 +100,11 @@ pub(super) fn diagnose(
     let checked = options.instrument_checked.then(|| CHECKED.to_owned()).into_iter().collect();
     let stopped = if unseen.after.is_some() { NOT_COMPARED } else { PARTIAL };
     let partial = found.is_stopped.then(|| stopped.to_owned()).into_iter().collect();
+    let is_full = effects.len() >= options.most_effects;
+    let full = is_full.then(|| {
+        format!("The search takes {} effects at most, and ended there: more may be missing.", options.most_effects)
+    });
+    let full = full.into_iter().collect();
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
@@ -125,7 +130,7 @@ pub(super) fn diagnose(
         next_measurements,
         terms,
         is_stopped: found.is_stopped,
-        notes: [partial, study.notes(), hidden, checked].concat(),
+        notes: [partial, full, study.notes(), hidden, checked].concat(),
     })
 }
 

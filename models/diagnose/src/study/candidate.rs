@@ -33,8 +33,19 @@ pub(crate) struct Candidate {
     pub(crate) decided_by: String,
     /// Claimed only where it stands apart from all that is simpler: a wave, which few targets turn into something else.
     pub(crate) stands_apart: bool,
-    /// Named before any other that passes: what is straight, before what is bent.
-    pub(crate) comes_first: bool,
+    /// What it goes before where both pass.
+    pub(crate) goes: Goes,
+}
+
+/// Which of several candidates that pass is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Goes {
+    /// Before any other: what is straight, before what is bent.
+    First,
+    /// Before descriptions: an error of one axis, which has its name by definition, whatever causes it.
+    BeforeDescriptions,
+    /// By its evidence.
+    ByEvidence,
 }
 
 /// Rows of one axis or component in the order of measurement.
@@ -191,6 +202,11 @@ pub(crate) trait Study: Sync {
 
     /// All candidates.
     fn candidates(&self) -> &[Candidate];
+
+    /// Sets of candidates that are tried as one where none passes alone: with any one missing, what it does looks like slow noise.
+    fn together(&self) -> Vec<Vec<usize>> {
+        Vec::new()
+    }
 
     /// The problem with these candidates at these parameters; all others absent. The base model is at its best there.
     fn local(&self, added: &[(usize, Vec<f64>)]) -> Result<Local, DiagnoseError>;

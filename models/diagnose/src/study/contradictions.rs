@@ -5,7 +5,7 @@
 //! was found; whether these differ is tested in whatever noise the rows leave possible ([`super::significance`]). What has a name and was
 //! not found is tested as well: 15 µrad in one pose and −15 in the other are nothing on average.
 
-use super::candidate::PoseRows;
+use super::candidate::{Goes, PoseRows};
 use super::fit::Fit;
 use super::significance::{probability, probability_beside};
 use super::view::View;
@@ -24,7 +24,7 @@ pub(super) fn contradictions(view: &View, fit: &Fit, significance: f64) -> Resul
         return Ok(Vec::new());
     }
     let found = fit.set();
-    let is_name = |k: &usize| view.study.candidates()[*k].comes_first && !found.contains(k);
+    let is_name = |k: &usize| view.study.candidates()[*k].goes == Goes::First && !found.contains(k);
     let mut names: Vec<usize> = (0..view.study.candidates().len()).filter(is_name).collect();
     let tested = (found.len() + names.len()) as f64;
     let (mut words, mut beside) = (Vec::new(), Mat::zeros(view.len(), 0));

@@ -7,6 +7,7 @@
 //! superfluous goes out again.
 
 use super::beside::wave_beside_smooth;
+use super::candidate::Goes;
 use super::fit::{Fit, Part};
 use super::outcome::Considered;
 use super::placing::{best_placed, moved, placed, single, tried};
@@ -36,7 +37,7 @@ pub struct StudyOptions {
 
 impl Default for StudyOptions {
     fn default() -> StudyOptions {
-        StudyOptions { significance: 0.01, most_effects: 10, instrument_checked: false }
+        StudyOptions { significance: 0.01, most_effects: 16, instrument_checked: false }
     }
 }
 
@@ -207,6 +208,10 @@ pub(super) fn search(
                 None => None,
             },
         };
+        let next = match next {
+            Some(next) => Some(next),
+            None => sets_together(view, &fit, options)?,
+        };
         let Some(next) = next else { break };
         let next = single(view, &next);
         let next = prune(view, next, options)?;
@@ -235,15 +240,37 @@ pub(super) fn search(
 fn names_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<Option<Vec<usize>>, DiagnoseError> {
     let own = fit.set();
     let candidates = view.study.candidates();
-    let trials = candidates.len();
     // What the base model holds, such as the squareness of a plate whose form is unknown, has no part in it.
     let is_open = |k: &usize| fit.score(view, *k).0.degrees > 0;
-    let is_name = |k: &usize| candidates[*k].comes_first && !own.contains(k) && is_open(k);
-    let names: Vec<usize> = (0..trials).filter(is_name).collect();
-    if names.len() < 2 {
+    let is_name = |k: &usize| candidates[*k].goes == Goes::First && !own.contains(k) && is_open(k);
+    let names: Vec<usize> = (0..candidates.len()).filter(is_name).collect();
+    all_together(view, fit, &names, options)
+}
+
+/// The set with one that the study names to be tried as one, where no candidate passes alone.
+fn sets_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<Option<Vec<usize>>, DiagnoseError> {
+    let own = fit.set();
+    for mut members in view.study.together() {
+        members.retain(|k| !own.contains(k));
+        if let Some(set) = all_together(view, fit, &members, options)? {
+            return Ok(Some(set));
+        }
+    }
+    Ok(None)
+}
+
+/// The set with these, where two or more of them pass together.
+fn all_together(
+    view: &mut View,
+    fit: &Fit,
+    members: &[usize],
+    options: &StudyOptions,
+) -> Result<Option<Vec<usize>>, DiagnoseError> {
+    if members.len() < 2 {
         return Ok(None);
     }
-    let Some(set) = with_together(view, fit, &names, trials, options.significance)? else { return Ok(None) };
+    let (own, trials) = (fit.set(), view.study.candidates().len());
+    let Some(set) = with_together(view, fit, members, trials, options.significance)? else { return Ok(None) };
     let noises = view.noises();
     // What came in last is never pruned: once more with another one there.
     let mut set = prune(view, set, options)?;
@@ -284,7 +311,7 @@ fn step(
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     best_placed(view, &mut passing);
     simplest_first(view, &mut passing);
-    straight_first(view, &mut passing);
+    named_first(view, &mut passing);
     let mut tried: BTreeMap<String, usize> = BTreeMap::new();
     let mut is_tried = |scored: &&Scored| {
         let forms = tried.entry(view.study.candidates()[scored.candidate].family.clone()).or_default();
@@ -326,11 +353,17 @@ fn simplest_first(view: &View, passing: &mut Vec<Scored>) {
     }
 }
 
-/// Moves to the front what is named before any other, the best of several: bent forms would take some of it along.
-fn straight_first(view: &View, passing: &mut Vec<Scored>) {
-    let is_straight = |k: &usize| view.study.candidates()[passing[*k].candidate].comes_first;
-    let best = |a: &usize, b: &usize| passing[*b].evidence.total_cmp(&passing[*a].evidence);
-    if let Some(k) = (0..passing.len()).filter(is_straight).min_by(best) {
+/// Moves to the front what is named before any other, the best of several: bent forms would take some of it along. Else an error of one axis
+/// goes before a description, which holds some of several.
+fn named_first(view: &View, passing: &mut Vec<Scored>) {
+    let candidate = |scored: &Scored| &view.study.candidates()[scored.candidate];
+    let describes = passing.first().is_some_and(|first| candidate(first).kind == Explanation::Empirical);
+    let best_of = |goes: Goes| {
+        let best = |a: &usize, b: &usize| passing[*b].evidence.total_cmp(&passing[*a].evidence);
+        (0..passing.len()).filter(|k| candidate(&passing[*k]).goes == goes).min_by(best)
+    };
+    let first = best_of(Goes::First).or_else(|| describes.then(|| best_of(Goes::BeforeDescriptions)).flatten());
+    if let Some(k) = first {
         let first = passing.remove(k);
         passing.insert(0, first);
     }

@@ -130,8 +130,7 @@ pub(super) fn terms(
                 let mean_m = (table.places_m[steps] - table.places_m[0]) / steps as f64;
                 shape = shape.number("between_order", order).number("beyond_m", mean_m);
             }
-            terms.list.push(Term { of: of.clone(), effect, shape, values: own.iter().map(|v| v.value).collect() });
-            values.extend(own);
+            add(&mut terms.list, &mut values, Term { of: of.clone(), effect, shape, values: Vec::new() }, own);
         }
         for name in study.model_covariates(fitted.candidate) {
             for own in differences(&name, &study.logged_at(fitted.candidate)) {
@@ -163,6 +162,25 @@ pub(super) fn terms(
         }
     }
     terms
+}
+
+/// Adds a term of these values; where the model has the same already, as the linear errors of two angular errors of one axis may be, that has
+/// both.
+fn add(list: &mut Vec<Term>, values: &mut Vec<Value>, term: Term, own: Vec<Value>) {
+    let is_same = |other: &Term| other.effect == term.effect && other.shape == term.shape;
+    let place = list.iter().position(is_same).unwrap_or_else(|| {
+        list.push(Term { values: vec![0.0; own.len()], ..term });
+        values.extend(own.iter().map(|_| Value { made_of: Vec::new(), value: 0.0, beside: 0.0 }));
+        list.len() - 1
+    });
+    let first: usize = list[..place].iter().map(|term| term.values.len()).sum();
+    for (k, more) in own.into_iter().enumerate() {
+        list[place].values[k] += more.value;
+        let value = &mut values[first + k];
+        value.made_of.extend(more.made_of);
+        value.value += more.value;
+        value.beside += more.beside;
+    }
 }
 
 /// How far a temperature stood from each other one that was logged with it.

@@ -5,6 +5,7 @@
 //! both: it fits, and runs off in the next hour. So straight lines are tried in pairs, and taken where two explain clearly more than any one
 //! candidate.
 
+use super::candidate::Goes;
 use super::fit::Fit;
 use super::reasons::{reason_against, with_together};
 use super::scored::{COMPARABLE, Scored};
@@ -46,7 +47,7 @@ impl TwoLines {
     ) -> Result<Option<Vec<usize>>, DiagnoseError> {
         let alone = scored.iter().map(|own| own.evidence).fold(0.0, f64::max);
         let candidates = view.study.candidates();
-        let is_named = |own: &Scored| candidates[own.candidate].comes_first && own.p_holm <= significance;
+        let is_named = |own: &Scored| candidates[own.candidate].goes == Goes::First && own.p_holm <= significance;
         if self.evidence < alone + COMPARABLE || scored.iter().any(is_named) {
             return Ok(None);
         }

@@ -12,7 +12,7 @@ use super::effects::{Known, REGISTRY};
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{Score, score_of};
-use crate::study::candidate::{Candidate, Local, Study};
+use crate::study::candidate::{Candidate, Goes, Local, Study};
 use crate::study::outcome::Untestable;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::ParameterSpec;
@@ -247,6 +247,6 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         decided_by: known.decided_by.to_owned(),
         essential: Vec::new(),
         stands_apart: false,
-        comes_first: false,
+        goes: Goes::ByEvidence,
     }
 }

@@ -4,7 +4,7 @@
 
 use super::shape::{Ranges, Shape};
 use crate::explanation::Explanation;
-use crate::study::candidate::Candidate;
+use crate::study::candidate::{Candidate, Goes};
 use crate::study::step::DECIDED_BY;
 use abbe_geometry::effects::ParameterSpec;
 
@@ -146,7 +146,7 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
         decided_by: decided_by(shape),
         essential: Vec::new(),
         stands_apart: matches!(shape, Shape::Periodic(_)),
-        comes_first: false,
+        goes: Goes::ByEvidence,
     }
 }
 

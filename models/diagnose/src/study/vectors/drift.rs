@@ -6,7 +6,7 @@
 
 use super::shape::{Quantity, Shape};
 use crate::explanation::Explanation;
-use crate::study::candidate::Candidate;
+use crate::study::candidate::{Candidate, Goes};
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
@@ -127,7 +127,7 @@ impl Drift {
             decided_by: STANDS_STILL.to_owned(),
             essential: Vec::new(),
             stands_apart: false,
-            comes_first: false,
+            goes: Goes::ByEvidence,
         }
     }
 }

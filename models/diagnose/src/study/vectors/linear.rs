@@ -6,7 +6,7 @@
 //! columns are without that half, so that the parameter is the angle and acts on both components alike. SI.
 
 use crate::explanation::Explanation;
-use crate::study::candidate::{Candidate, ModelTerm};
+use crate::study::candidate::{Candidate, Goes, ModelTerm};
 use abbe_geometry::effects::{ParameterSpec, Shape};
 use abbe_geometry::machine::{Machine, Squareness};
 use abbe_geometry::{Axis, Vector3};
@@ -89,7 +89,7 @@ impl Named {
             decided_by,
             essential: Vec::new(),
             stands_apart: false,
-            comes_first: true,
+            goes: Goes::First,
         }
     }
 

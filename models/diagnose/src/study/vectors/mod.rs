@@ -8,9 +8,10 @@
 //! else stretches of time, else cells of space.
 //!
 //! Vectors in a plane, or of a plate in one or several poses, are named further: scales and squareness of the axes they
-//! span (`plate`). Each pose has a rigid motion of its own. Where the plate was turned and its points are named, only
+//! span (`plate`); where a machine is given, angular errors of its axes (`angle`). Each pose has a rigid motion of its own. Where the plate was turned and its points are named, only
 //! what differs between its poses is used, from which its own form has gone (`turned`).
 
+mod angle;
 mod blocks;
 mod drift;
 mod given;

@@ -41,6 +41,24 @@ pub(super) fn of_each_position(quantities: &[Quantity], components: &[usize], si
     columns(&own, &terms, components, sigma_m)
 }
 
+/// Courses of each of these components in the time, and of the scale of its axis: what warms up while rows are taken in an order.
+pub(super) fn of_the_time(quantities: &[Quantity], components: &[usize], sigma_m: &[[f64; 3]]) -> Mat<f64> {
+    let named = |name: &str| quantities.iter().find(|quantity| quantity.name == name);
+    let Some(time) = named(TIME) else { return Mat::zeros(3 * sigma_m.len(), 0) };
+    let along = |d: usize| named(POSITION[d]).map(|own| &own.powers[1]);
+    let functions: Vec<(usize, Option<&Vec<f64>>)> =
+        components.iter().flat_map(|d| [(*d, None), (*d, along(*d))]).collect();
+    let mut columns = Mat::zeros(3 * sigma_m.len(), functions.len() * DEGREE);
+    for (place, (d, along)) in functions.into_iter().enumerate() {
+        for (k, sigma_m) in sigma_m.iter().enumerate() {
+            let arm = along.map_or(1.0, |along| along[k]);
+            (0..DEGREE)
+                .for_each(|j| columns[(3 * k + d, place * DEGREE + j)] = arm * time.powers[j + 1][k] / sigma_m[d]);
+        }
+    }
+    columns
+}
+
 fn positions(quantities: &[Quantity]) -> Vec<&Quantity> {
     quantities.iter().filter(|quantity| POSITION.contains(&quantity.name.as_str())).collect()
 }

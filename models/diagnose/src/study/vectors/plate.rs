@@ -92,7 +92,10 @@ impl Poses {
                 "Of the 21 errors of a chain, scales and squareness in the plane have names here; what the others leave shows \
                  as dependence on position."
             }
-            false => "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position.",
+            false => {
+                "The 21 errors of a chain are not all fitted here: those that show are, one by one, as polynomials of a position up to the \
+                 fourth degree."
+            }
         }
     }
 

@@ -6,12 +6,13 @@ mod columns;
 mod proposed;
 mod unseen;
 
+use super::angle::{self, Angle};
 use super::blocks::blocks;
 use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
 use super::linear::Named;
 use super::plate::{Poses, RIGID, data};
 use super::quantities::{PLAUSIBLE_M, POSITION, TIME, quantities};
-use super::registered::{Logged, Nominal, Registered};
+use super::registered::{Nominal, Registered};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
 use super::wave::Wave;
@@ -27,6 +28,7 @@ use crate::study::told::Changed;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ShapeValue;
 use abbe_geometry::machine::Machine;
+use abbe_geometry::seen::TEMPERATURE;
 use abbe_geometry::unseen_expansion::UnseenExpansion;
 use faer::Mat;
 use std::collections::BTreeMap;
@@ -39,9 +41,14 @@ const RICH: usize = 4;
 /// Quantities that are tried in pairs with each other, as the number of pairs grows with the square. With positions and the time all are.
 const IN_PAIRS: usize = 16;
 
+/// What no vector tells where none of it was logged.
+const NO_TEMPERATURE: &str = "what the machine does as it gets warm, then and later: no temperature was logged; log those of its scales beside each vector";
+
 /// What a candidate is made of.
 enum Part {
     Registered(Registered),
+    /// An angular error of an axis.
+    Angle(Angle),
     /// A wave along an axis, of whatever period.
     Wave(Wave),
     /// A scale or squareness of a plane.
@@ -145,6 +152,7 @@ impl<'a> Vectors<'a> {
         };
         study.add_registered()?;
         study.add_waves()?;
+        study.add_angles();
         study.add_named(false);
         study.add_smooth();
         study.add_steps();
@@ -243,37 +251,7 @@ impl Study for Vectors<'_> {
     }
 
     fn columns(&self, _point: &[f64], candidate: usize) -> Mat<f64> {
-        let mut columns = Mat::zeros(3 * self.vectors.len(), self.candidates[candidate].parameters.len());
-        if let Some((axis, own)) = self.component_columns(candidate, &(0..self.vectors.len()).collect::<Vec<usize>>()) {
-            for j in 0..own.ncols() {
-                let rows = columns.col_as_slice_mut(j).chunks_exact_mut(3);
-                rows.zip(own.col_as_slice(j)).for_each(|(rows, value)| rows[axis.index()] = *value);
-            }
-            return columns;
-        }
-        if let (Part::Drift(drift), Some((_, time_s))) = (&self.parts[candidate], self.time()) {
-            return self.drift_columns(&[drift.motion], &drift.course.functions(time_s));
-        }
-        for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
-            match (&self.parts[candidate], self.nominal.get(k)) {
-                (Part::Named(named), _) => {
-                    let moved_m = named.motion_m(&self.poses.arm_m(self.vectors, k));
-                    (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
-                }
-                (Part::Registered(registered), Some(nominal)) => {
-                    let logged = Logged { vector, start_s: self.start_s };
-                    // Only what is logged at every vector is proposed, so that there is no problem to report here.
-                    let count = columns.ncols();
-                    let moved = nominal.motion(registered.effect.as_ref(), count, &logged).unwrap_or_default();
-                    for (j, moved) in moved.iter().enumerate() {
-                        (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
-                    }
-                }
-                (Part::Registered(_), None)
-                | (Part::Smooth(..) | Part::Step(..) | Part::Wave(_) | Part::Drift(_), _) => {}
-            }
-        }
-        columns
+        self.columns_of(candidate)
     }
 
     fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
@@ -345,11 +323,17 @@ impl Study for Vectors<'_> {
         }
     }
 
-    /// Beside an effect of position alone: what each position does by itself, which is straightness, positioning and squareness.
+    /// Beside an effect of position alone: what each axis does by itself, which is straightness, positioning, squareness and turns, and what it
+    /// does in the course of time, which is a position where one was gone through after the other.
     fn simpler(&self, candidate: usize) -> Mat<f64> {
         match &self.parts[candidate] {
             Part::Registered(registered) if registered.is_of_position() => {
-                order::of_each_position(&self.quantities, &self.moved(candidate), &self.sigma_m)
+                let moved = self.moved(candidate);
+                let each = order::of_each_position(&self.quantities, &moved, &self.sigma_m);
+                let time = order::of_the_time(&self.quantities, &moved, &self.sigma_m);
+                let rest = (moved.len() * self.vectors.len() / 3).saturating_sub(each.ncols() + time.ncols());
+                let angles = angle::beside(&self.quantities, &self.nominal, &self.sigma_m, rest);
+                joined(&[each, angles, time])
             }
             _ => Mat::zeros(0, 0),
         }
@@ -391,7 +375,7 @@ impl Study for Vectors<'_> {
             Part::Registered(own) => own.shape.0.get("axis") == Some(&ShapeValue::Text(axis.lower().to_owned())),
             Part::Drift(drift) => drift.motion == Motion::Scale,
             Part::Wave(wave) => wave.axis == *axis,
-            Part::Named(_) | Part::Step(..) => false,
+            Part::Angle(_) | Part::Named(_) | Part::Step(..) => false,
         }
     }
 
@@ -414,7 +398,7 @@ impl Study for Vectors<'_> {
             Part::Smooth(_, bent) => {
                 matches!(bent.shape, Shape::One { quantity, .. } if self.quantities[quantity].name == TIME)
             }
-            Part::Registered(_) | Part::Wave(_) | Part::Named(_) | Part::Step(..) => false,
+            Part::Registered(_) | Part::Wave(_) | Part::Angle(_) | Part::Named(_) | Part::Step(..) => false,
         }
     }
 
@@ -471,6 +455,9 @@ impl Study for Vectors<'_> {
             Part::Smooth(axis, bent) => {
                 let less = |own: &Quantity| self.less(&own.name);
                 ModelTerm { map: bent.map(), ..model::term(*axis, bent.shape, &self.quantities, less) }
+            }
+            Part::Angle(angle) => {
+                return Ok(angle.terms(self.model_range(POSITION[angle.axis.index()]).unwrap_or((0.0, 1.0))));
             }
             Part::Step(..) => return Err(NO_PROPERTY.to_owned()),
             Part::Drift(_) => return Err(OF_THE_INSTRUMENT.to_owned()),
@@ -584,7 +571,9 @@ impl Study for Vectors<'_> {
     }
 
     fn hidden(&self) -> Vec<String> {
-        self.hidden.clone()
+        let is_logged = |vector: &ResidualVector| vector.covariates.keys().any(|name| name.ends_with(TEMPERATURE));
+        let is_cold = self.machine.is_some() && !self.vectors.iter().any(is_logged);
+        self.hidden.iter().cloned().chain(is_cold.then(|| NO_TEMPERATURE.to_owned())).collect()
     }
 
     fn poses(&self) -> Vec<PoseRows> {

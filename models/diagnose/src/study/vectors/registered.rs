@@ -7,7 +7,7 @@ use super::ResidualVector;
 use super::wave::REGISTERED;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
-use crate::study::candidate::Candidate;
+use crate::study::candidate::{Candidate, Goes};
 use crate::study::outcome::Untestable;
 use abbe_geometry::chain::{ErrorValues, chain_point};
 use abbe_geometry::effects::{
@@ -72,6 +72,11 @@ impl Nominal {
             Nominal { reading_m, offset_m, by_error }
         };
         vectors.iter().map(one).collect()
+    }
+
+    /// Motion of the tip per unit of an error of an axis (m/m or m/rad).
+    pub(super) fn by_error(&self, id: ErrorId) -> Vector3<f64> {
+        self.by_error[id.index()]
     }
 
     /// Motion of the tip per unit of each of `count` parameters (m per unit).
@@ -150,12 +155,12 @@ fn moves_the_tip(
 }
 
 fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candidate {
-    let text = |value: &ShapeValue| match value {
-        ShapeValue::Text(text) => Some(text.clone()),
-        ShapeValue::Texts(texts) => Some(texts.join(" and ")),
+    let text = |(key, value): (&String, &ShapeValue)| match value {
+        ShapeValue::Text(text) => Some(format!("{key} {text}")),
+        ShapeValue::Texts(texts) => Some(format!("{key} {}", texts.join(" and "))),
         ShapeValue::Number(_) | ShapeValue::Numbers(_) => None,
     };
-    let named: Vec<String> = shape.0.values().filter_map(text).collect();
+    let named: Vec<String> = shape.0.iter().filter_map(text).collect();
     let figures: Vec<String> = shape.0.iter().filter_map(|(key, value)| figure(key, value)).collect();
     let about = named.iter().chain(&figures).cloned().collect::<Vec<_>>().join(", ");
     Candidate {
@@ -168,16 +173,22 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         decided_by: entry.decided_by.to_owned(),
         essential: effect.essential().to_vec(),
         stands_apart: effect.covariates().is_empty(),
-        comes_first: false,
+        goes: Goes::ByEvidence,
     }
 }
 
 fn figure(key: &str, value: &ShapeValue) -> Option<String> {
     match value {
-        ShapeValue::Number(value) => Some(format!("{key} {value:.6}")),
+        ShapeValue::Number(value) => Some(format!("{key} {}", rounded(*value))),
         ShapeValue::Numbers(values) => {
-            Some(format!("{key} {}", values.iter().map(|v| format!("{v:.6}")).collect::<Vec<_>>().join(" ")))
+            let values: Vec<String> = values.iter().map(|value| rounded(*value).to_string()).collect();
+            Some(format!("{key} {}", values.join(" ")))
         }
         ShapeValue::Text(_) | ShapeValue::Texts(_) => None,
     }
+}
+
+/// With the four digits that tell one shape from the next.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }

@@ -9,7 +9,7 @@ use super::plate::Poses;
 use super::quantities::PLAUSIBLE_M;
 use super::quantities::TIME;
 use crate::explanation::Explanation;
-use crate::study::candidate::Candidate;
+use crate::study::candidate::{Candidate, Goes};
 use crate::study::step::{At, DECIDED_BY, Places, Step};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
@@ -60,7 +60,7 @@ impl Steps {
             decided_by: DECIDED_BY.to_owned(),
             essential: Vec::new(),
             stands_apart: false,
-            comes_first: false,
+            goes: Goes::ByEvidence,
         }
     }
 

@@ -7,7 +7,7 @@ use super::ResidualVector;
 use super::quantities::PLAUSIBLE_M;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
-use crate::study::candidate::{Candidate, ModelTerm};
+use crate::study::candidate::{Candidate, Goes, ModelTerm};
 use crate::study::smooth::{levels, range};
 use abbe_geometry::chain::{ErrorValues, chain_point};
 use abbe_geometry::effects::{Known, ParameterSpec, Shape, construct, known};
@@ -84,7 +84,7 @@ impl Wave {
             decided_by: self.known.decided_by.to_owned(),
             essential: Vec::new(),
             stands_apart: true,
-            comes_first: false,
+            goes: Goes::ByEvidence,
         }
     }
 

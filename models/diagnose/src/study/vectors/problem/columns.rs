@@ -1,11 +1,12 @@
 //! Columns of candidates, each over the standard uncertainty of the component that it moves.
 //!
-//! Place in the flow: the study of vectors asks here what a part does at its vectors; what moves several components goes through
-//! [`crate::study::candidate::Study::columns`]. m.
+//! Place in the flow: the study of vectors asks here what a part does at its vectors; what moves several components has three rows a
+//! vector. m.
 
 use super::super::drift::{self, Motion};
 use super::super::model;
 use super::super::plate::RIGID;
+use super::super::registered::Logged;
 use super::super::shape::Bent;
 use super::super::wave::Wave;
 use super::{Part, Vectors};
@@ -21,7 +22,45 @@ impl Vectors<'_> {
             Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
             Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
             Part::Wave(wave) => Some((wave.axis, self.wave_columns(wave, wave.frequency().0, vectors))),
-            Part::Registered(_) | Part::Named(_) | Part::Drift(_) => None,
+            Part::Registered(_) | Part::Angle(_) | Part::Named(_) | Part::Drift(_) => None,
+        }
+    }
+
+    /// Columns of a candidate at all vectors, three rows each.
+    pub(super) fn columns_of(&self, candidate: usize) -> Mat<f64> {
+        let mut columns = Mat::zeros(3 * self.vectors.len(), self.candidates[candidate].parameters.len());
+        if let Some((axis, own)) = self.component_columns(candidate, &(0..self.vectors.len()).collect::<Vec<usize>>()) {
+            for j in 0..own.ncols() {
+                let rows = columns.col_as_slice_mut(j).chunks_exact_mut(3);
+                rows.zip(own.col_as_slice(j)).for_each(|(rows, value)| rows[axis.index()] = *value);
+            }
+            return columns;
+        }
+        if let (Part::Drift(drift), Some((_, time_s))) = (&self.parts[candidate], self.time()) {
+            return self.drift_columns(&[drift.motion], &drift.course.functions(time_s));
+        }
+        for (k, sigma_m) in self.sigma_m.iter().enumerate() {
+            for (j, moved) in self.motion(candidate, k).iter().enumerate() {
+                (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
+            }
+        }
+        columns
+    }
+
+    /// Motion per unit of each parameter of a candidate that may move several components, at one vector (m per unit).
+    fn motion(&self, candidate: usize, k: usize) -> Vec<Vector3<f64>> {
+        match (&self.parts[candidate], self.nominal.get(k)) {
+            (Part::Named(named), _) => vec![named.motion_m(&self.poses.arm_m(self.vectors, k))],
+            (Part::Angle(angle), Some(nominal)) => angle.motion(&self.quantities, nominal, k),
+            (Part::Registered(registered), Some(nominal)) => {
+                let logged = Logged { vector: &self.vectors[k], start_s: self.start_s };
+                let count = self.candidates[candidate].parameters.len();
+                // Only what is logged at every vector is proposed, so that there is no problem to report here.
+                nominal.motion(registered.effect.as_ref(), count, &logged).unwrap_or_default().to_vec()
+            }
+            // Effects and angular errors are of a machine, and others move one component.
+            (Part::Registered(_) | Part::Angle(_), None)
+            | (Part::Smooth(..) | Part::Step(..) | Part::Wave(_) | Part::Drift(_), _) => Vec::new(),
         }
     }
 
@@ -77,7 +116,9 @@ impl Vectors<'_> {
         match &self.parts[candidate] {
             Part::Smooth(axis, _) | Part::Step(axis, _) => vec![axis.index()],
             Part::Wave(wave) => vec![wave.axis.index()],
-            Part::Named(_) | Part::Registered(_) | Part::Drift(_) => (0..3).filter(|d| self.measured[*d]).collect(),
+            Part::Named(_) | Part::Registered(_) | Part::Angle(_) | Part::Drift(_) => {
+                (0..3).filter(|d| self.measured[*d]).collect()
+            }
         }
     }
 

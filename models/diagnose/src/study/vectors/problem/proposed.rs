@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: called once when a study is made of its vectors; each candidate goes in beside the part that makes its columns.
 
+use super::super::angle::Angle;
 use super::super::drift::Drift;
 use super::super::linear::{Named, unseen};
 use super::super::plate::calibration_words;
@@ -12,10 +13,10 @@ use super::super::wave::Wave;
 use super::{IN_PAIRS, PLAUSIBLE_M, Part, Vectors};
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
-use crate::study::candidate::Candidate;
+use crate::study::candidate::{Candidate, Goes};
 use crate::study::outcome::Untestable;
-use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
+use abbe_geometry::{Axis, ErrorId};
 
 /// What poses that lie alike leave open.
 const UNTURNED: &str = "the plate's own form: its poses are not turned against each other, so that plate and machine cannot be told apart; turn it \
@@ -43,12 +44,25 @@ impl Vectors<'_> {
         Ok(())
     }
 
+    /// Waves of linear axes. Where joints are logged and no machine is named, positions are no readings of any: on a robot several waves along a
+    /// coordinate fit, turn their sign from one stretch of time to the next, and bring the error down by hundredths of a micrometre.
     pub(super) fn add_waves(&mut self) -> Result<(), DiagnoseError> {
+        if !self.has_names() {
+            return Ok(());
+        }
         for wave in Wave::all(self.vectors, self.measured, self.machine)? {
             self.candidates.push(wave.candidate());
             self.parts.push(Part::Wave(wave));
         }
         Ok(())
+    }
+
+    /// Angular errors of the axes of a machine.
+    pub(super) fn add_angles(&mut self) {
+        for angle in Angle::all(&self.quantities, &self.nominal, self.measured) {
+            self.candidates.push(angle.candidate());
+            self.parts.push(Part::Angle(angle));
+        }
     }
 
     /// Scales and squareness of the axes that positions span.
@@ -173,12 +187,19 @@ impl Vectors<'_> {
         let shape = bent.shape;
         let (words, formula) = shape.words(&self.quantities);
         let all = shape.parameters();
-        let words = if bent.is_less() { format!("{words} beyond the straight line") } else { words };
         let names: Vec<String> = shape.quantities().iter().map(|k| self.quantities[*k].name.clone()).collect();
+        let beyond = if bent.is_less() { " beyond the straight line" } else { "" };
+        let (name, kind, goes) = match self.linear_error(shape, axis) {
+            Some(error) => (format!("{error}{beyond}"), Explanation::Attributed, Goes::BeforeDescriptions),
+            None => {
+                let name = format!("{words}{beyond}, component {}", axis.lower());
+                (name, Explanation::Empirical, Goes::ByEvidence)
+            }
+        };
         Candidate {
-            name: format!("{words}, component {}", axis.lower()),
+            name,
             formula: formula.to_owned(),
-            kind: Explanation::Empirical,
+            kind,
             family: format!("{}, component {}", names.join(" and "), axis.lower()),
             decided_by: match names.as_slice() {
                 [one] => format!("vary {one} independently of all else"),
@@ -188,8 +209,20 @@ impl Vectors<'_> {
             parameters: bent.kept.iter().map(|k| ParameterSpec::new(all[*k].clone(), "m", PLAUSIBLE_M)).collect(),
             essential: Vec::new(),
             stands_apart: matches!(shape, Shape::Turn { .. }),
-            comes_first: false,
+            goes,
         }
+    }
+
+    /// What a smooth form of one position is called on a machine with linear axes, by its definition in ISO 230-1.
+    fn linear_error(&self, shape: Shape, along: Axis) -> Option<String> {
+        let (Some(_), Shape::One { quantity, degree }) = (self.machine, shape) else { return None };
+        let is_own = |axis: &Axis| POSITION[axis.index()] == self.quantities[quantity].name;
+        let axis = Axis::ALL.into_iter().find(is_own)?;
+        let name = ErrorId::linear(along, axis).name();
+        Some(match axis == along {
+            true => format!("positioning error {name} of {}, degree {degree}", axis.letter()),
+            false => format!("straightness {name} of {} along {}, degree {degree}", axis.letter(), along.letter()),
+        })
     }
 
     /// The component that a smooth form moves; `None` of any other candidate.

@@ -73,7 +73,7 @@ impl Vectors<'_> {
                 let along = self.candidates[candidate].covariates.iter().any(|name| name == position);
                 *own == axis && along && reads.iter().any(|name| name.ends_with(TEMPERATURE))
             }
-            Part::Step(..) | Part::Wave(_) | Part::Named(_) | Part::Drift(_) => false,
+            Part::Step(..) | Part::Wave(_) | Part::Angle(_) | Part::Named(_) | Part::Drift(_) => false,
         }
     }
 
