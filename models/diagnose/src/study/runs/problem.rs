@@ -190,7 +190,8 @@ impl AxisRuns {
         let targets: Vec<i64> = targets.into_iter().collect();
         let target_m = of(&|run| Some(run.target_m)).as_deref().and_then(range).ok_or_else(|| DiagnoseError::Data {
             problem: format!("axis {name} has one target only"),
-            remedy: "measure at several targets along the axis".to_owned(),
+            remedy: "measure at several targets along the axis; what drifts at one place goes in as residual vectors"
+                .to_owned(),
         })?;
         let names: BTreeSet<&String> = rows.iter().flat_map(|row| runs[*row].covariates.keys()).collect();
         let quantity = |name: &&String| {
@@ -332,6 +333,10 @@ impl Study for Runs {
 
     fn candidates(&self) -> &[Candidate] {
         &self.candidates
+    }
+
+    fn together(&self) -> Vec<Vec<usize>> {
+        self.tables()
     }
 
     fn local(&self, _added: &[(usize, Vec<f64>)]) -> Result<Local, DiagnoseError> {

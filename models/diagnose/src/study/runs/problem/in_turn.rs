@@ -41,6 +41,17 @@ impl Runs {
         self.axes.iter().filter_map(one).collect()
     }
 
+    /// Of each axis the errors and the reversal of all its targets, which are tried as one: where one target was measured after the other, each of
+    /// them alone leaves steps in time, as slow noise does.
+    pub(super) fn tables(&self) -> Vec<Vec<usize>> {
+        let is_table = |shape: &Shape| matches!(shape, Shape::PositionTable | Shape::LostTable);
+        let of = |axis: usize| {
+            let own = |k: &usize| self.shapes[*k].0 == axis && is_table(&self.shapes[*k].1);
+            (0..self.shapes.len()).filter(own).collect()
+        };
+        (0..self.axes.len()).map(of).collect()
+    }
+
     /// What a dependence on a temperature that rose along with the targets leaves open: an expansion about any place of the axis in its stead, or a
     /// shift, and the slope and the bow of the position that are there then.
     pub(super) fn untold_in_turn(&self, open: &Open) -> Vec<Untold> {
