@@ -315,7 +315,9 @@ fn regress_a_wave_of_whatever_period_is_found_with_its_period_and_amplitude() {
         for machine in [None, Some(machine())] {
             let mut vectors = measured(wave, 900 + seed);
             // With joints and without a machine they are those of a robot, which has no screw along X.
-            vectors.iter_mut().filter(|_| machine.is_none()).for_each(|v| drop(v.covariates.remove("joint_1_deg")));
+            for vector in vectors.iter_mut().filter(|_| machine.is_none()) {
+                vector.covariates.remove("joint_1_deg");
+            }
             let diagnosis = diagnose(&vectors, machine.as_ref(), &options()).unwrap();
             let said = names(&diagnosis);
             let period_mm =

@@ -329,8 +329,13 @@ impl Study for Vectors<'_> {
         match &self.parts[candidate] {
             Part::Registered(registered) if registered.is_of_position() => {
                 let moved = self.moved(candidate);
-                let each = order::of_each_position(&self.quantities, &moved, &self.sigma_m);
                 let time = order::of_the_time(&self.quantities, &moved, &self.sigma_m);
+                // In a plane no arm differs that another form of both positions would not hold.
+                if self.poses.axes().len() < Axis::ALL.len() {
+                    let both = order::of_position(&self.quantities, &moved, &self.sigma_m);
+                    return joined(&[both, time]);
+                }
+                let each = order::of_each_position(&self.quantities, &moved, &self.sigma_m);
                 let rest = (moved.len() * self.vectors.len() / 3).saturating_sub(each.ncols() + time.ncols());
                 let angles = angle::beside(&self.quantities, &self.nominal, &self.sigma_m, rest);
                 joined(&[each, angles, time])
