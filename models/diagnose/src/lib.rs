@@ -38,7 +38,7 @@
 //! let stations = [[-0.3, -0.2, -0.1], [1.1, -0.2, -0.2], [-0.2, 0.9, -0.1], [0.9, 0.8, 0.9]];
 //! let offsets = [[0.0, 0.0, -0.06], [0.15, 0.0, -0.06], [0.0, 0.15, -0.09]];
 //! let mut campaign = Campaign { stations: ["A", "B", "C", "D"].map(str::to_owned).to_vec(), ..Campaign::default() };
-//! let mut dir_x = Vec::new();
+//! let (mut dir_x, mut direction) = (Vec::new(), 1.0);
 //! for (station, place) in stations.into_iter().enumerate() {
 //!     let mut first = None;
 //!     for (offset_m, axis, k) in offsets.iter().flat_map(|offset| (0..54).map(move |k| (*offset, k / 18, k % 18))) {
@@ -48,7 +48,10 @@
 //!             let along = if is_back { 6 - i } else { i } as f64 / 6.0;
 //!             let share = |d: usize| [along, (k / 2 % 3) as f64 / 2.0, (k / 6) as f64 / 2.0][(3 + d - axis) % 3];
 //!             let reading_m = [0, 1, 2].map(|d| machine.stroke_m[d].1 * share(d));
-//!             let direction = if is_back { -1.0 } else { 1.0 };
+//!             // Where X stands still, the side from which it came stays.
+//!             if axis == 0 {
+//!                 direction = if is_back { -1.0 } else { 1.0 };
+//!             }
 //!             let actual_m = Vector3::from(reading_m) + Vector3::new(1.5e-6 * direction, 0.0, 0.0);
 //!             let range_m = (actual_m + Vector3::from(offset_m) - Vector3::from(place)).norm();
 //!             let number = campaign.readings.len() as f64;

@@ -100,7 +100,8 @@ impl Parameter {
     }
 }
 
-/// A coefficient of an error function in a layout whose functions may be coarser or finer: those coefficients that come closest to what it does.
+/// A coefficient of an error function in a layout whose functions may be coarser or finer: those coefficients that come closest to what
+/// it does. What coarser functions cannot do is not in it.
 fn in_basis(layout: &Layout, id: ErrorId, (basis, number): (&Basis, usize)) -> Vec<(usize, f64)> {
     let (Some(own), range) = (layout.basis(id), layout.range(id)) else { return Vec::new() };
     if own == basis {

@@ -506,7 +506,7 @@ fn regress_what_a_campaign_at_one_temperature_leaves_open_of_an_expansion_goes_i
     assert!((unseen.at_c[0] - 20.0).abs() < 1e-9 && (8e-6..15e-6).contains(&unseen.per_kelvin[0]), "{unseen:?}");
 }
 
-/// Five targets of an arm, each from both sides and three times before the next: its errors and its reversal leave steps in time, alone
+/// Five targets of an arm, each from both sides and four times before the next: its errors and its reversal leave steps in time, alone
 /// of each other, and both passed for slow noise of 80 µm.
 #[test]
 fn regress_errors_and_reversal_of_targets_in_their_turn_are_found_together() {

@@ -7,7 +7,7 @@
 //! superfluous goes out again.
 
 use super::beside::wave_beside_smooth;
-use super::candidate::Goes;
+use super::candidate::{Candidate, Goes};
 use super::fit::{Fit, Part};
 use super::outcome::Considered;
 use super::placing::{best_placed, moved, placed, single, tried};
@@ -20,6 +20,7 @@ use super::waves::tuned;
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::score::{Score, score};
+use abbe_geometry::effects::is_scale;
 use abbe_identify::in_parallel;
 use std::collections::BTreeMap;
 
@@ -354,10 +355,15 @@ fn simplest_first(view: &View, passing: &mut Vec<Scored>) {
 }
 
 /// Moves to the front what is named before any other, the best of several: bent forms would take some of it along. Else an error of one axis
-/// goes before a description, which holds some of several.
+/// goes before a form of positions, which may hold the errors of several axes.
 fn named_first(view: &View, passing: &mut Vec<Scored>) {
     let candidate = |scored: &Scored| &view.study.candidates()[scored.candidate];
-    let describes = passing.first().is_some_and(|first| candidate(first).kind == Explanation::Empirical);
+    let is_of_positions =
+        |own: &Candidate| !own.covariates.is_empty() && own.covariates.iter().all(|name| is_scale(name));
+    let describes = passing
+        .first()
+        .map(candidate)
+        .is_some_and(|first| first.kind == Explanation::Empirical && is_of_positions(first));
     let best_of = |goes: Goes| {
         let best = |a: &usize, b: &usize| passing[*b].evidence.total_cmp(&passing[*a].evidence);
         (0..passing.len()).filter(|k| candidate(&passing[*k]).goes == goes).min_by(best)

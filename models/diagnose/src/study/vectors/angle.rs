@@ -36,12 +36,16 @@ pub(super) struct Angle {
 impl Angle {
     /// Those that vectors can show of which these components were measured.
     pub(super) fn all(quantities: &[Quantity], nominal: &[Nominal], measured: [bool; 3]) -> Vec<Angle> {
-        let seen = straight(quantities, nominal).into_iter().filter(|angle| has_arms(angle.id(), nominal, measured));
         let of = |angle: Angle| {
             let degrees = DEGREES.into_iter().filter(move |degree| *degree < quantities[angle.quantity].levels);
             degrees.map(move |degree| Angle { degree, ..angle })
         };
-        seen.flat_map(of).collect()
+        straight(quantities, nominal, measured).into_iter().flat_map(of).collect()
+    }
+
+    /// Whether it goes straight with its axis.
+    pub(super) fn is_straight(&self) -> bool {
+        self.degree == 1
     }
 
     fn id(&self) -> ErrorId {
@@ -87,11 +91,15 @@ impl Angle {
     }
 }
 
-/// Columns of all angular errors of a machine at its vectors, over the standard uncertainty: three rows a vector, as many polynomials each as
-/// so many columns in all allow.
-pub(super) fn beside(quantities: &[Quantity], nominal: &[Nominal], sigma_m: &[[f64; 3]], columns: usize) -> Mat<f64> {
-    let angular = straight(quantities, nominal);
-    let degree = (columns / angular.len().max(1)).min(HIGHEST);
+/// Columns of all angular errors that vectors can show of which these components were measured, over the standard uncertainty: three rows a
+/// vector, as many polynomials each as so many columns in all allow, and one at least.
+pub(super) fn beside(
+    (quantities, nominal, measured): (&[Quantity], &[Nominal], [bool; 3]),
+    sigma_m: &[[f64; 3]],
+    columns: usize,
+) -> Mat<f64> {
+    let angular = straight(quantities, nominal, measured);
+    let degree = (columns / angular.len().max(1)).clamp(1, HIGHEST);
     let mut all = Mat::zeros(3 * sigma_m.len(), angular.len() * degree);
     for (place, angle) in angular.into_iter().enumerate() {
         let angle = Angle { degree, ..angle };
@@ -104,8 +112,8 @@ pub(super) fn beside(quantities: &[Quantity], nominal: &[Nominal], sigma_m: &[[f
     all
 }
 
-/// Angular errors of the axes whose position varies, straight in it.
-fn straight(quantities: &[Quantity], nominal: &[Nominal]) -> Vec<Angle> {
+/// Angular errors of the axes whose position varies, straight in it, which vectors can show of which these components were measured.
+fn straight(quantities: &[Quantity], nominal: &[Nominal], measured: [bool; 3]) -> Vec<Angle> {
     let position = |axis: Axis| quantities.iter().position(|own| own.name == POSITION[axis.index()]);
     let varying = Axis::ALL.into_iter().filter_map(|axis| Some((axis, position(axis)?)));
     let one = |axis, about, quantity| {
@@ -113,15 +121,23 @@ fn straight(quantities: &[Quantity], nominal: &[Nominal]) -> Vec<Angle> {
         let middle = by_turn.sum::<Vector3<f64>>() / nominal.len().max(1) as f64;
         Angle { axis, about, quantity, degree: 1, middle }
     };
-    varying.flat_map(|(axis, quantity)| Axis::ALL.map(|about| one(axis, about, quantity))).collect()
+    let all = varying.flat_map(|(axis, quantity)| Axis::ALL.map(|about| one(axis, about, quantity)));
+    all.filter(|angle| has_arms(angle, &quantities[angle.quantity], nominal, measured)).collect()
 }
 
-/// Whether a turn moves some points more than others, in a component that was measured.
-fn has_arms(id: ErrorId, nominal: &[Nominal], measured: [bool; 3]) -> bool {
+/// Whether a turn moves some points more than others at the same reading of its axis, in a component that was measured. Under a workpiece the
+/// arm goes with the reading itself: that alone is a straightness.
+fn has_arms(angle: &Angle, position: &Quantity, nominal: &[Nominal], measured: [bool; 3]) -> bool {
+    let along = &position.powers[1];
+    let mean = along.iter().sum::<f64>() / along.len().max(1) as f64;
+    let spread: f64 = along.iter().map(|own| (own - mean).powi(2)).sum();
     (0..3).filter(|d| measured[*d]).any(|d| {
-        let arms = || nominal.iter().map(move |nominal| nominal.by_error(id)[d]);
-        let (low, high) = (arms().fold(f64::INFINITY, f64::min), arms().fold(f64::NEG_INFINITY, f64::max));
-        high - low > ALIKE * low.abs().max(high.abs())
+        let arms: Vec<f64> = nominal.iter().map(|own| own.by_error(angle.id())[d] - angle.middle[d]).collect();
+        let with_reading = arms.iter().zip(along).map(|(arm, own)| arm * (own - mean)).sum::<f64>() / spread;
+        let largest =
+            |of: &dyn Fn(f64, f64) -> f64| arms.iter().zip(along).map(|(a, p)| of(*a, *p).abs()).fold(0.0, f64::max);
+        let whole = largest(&|arm, _| arm + angle.middle[d]);
+        largest(&|arm, own| arm - with_reading * (own - mean)) > ALIKE * whole
     })
 }
 
@@ -133,6 +149,7 @@ mod tests {
     use super::*;
     use crate::tests::machine;
     use abbe_geometry::effects::construct;
+    use abbe_geometry::machine::Side;
 
     /// What a candidate does at the vectors is what its terms do in a model, about whatever middle.
     #[test]
@@ -180,5 +197,16 @@ mod tests {
         // X carries Y carries Z: in the plane only a yaw of X has arms that differ, and across it a roll.
         assert_eq!(names([true, true, false]), ["ECX"]);
         assert_eq!(names([true; 3]), ["EAX", "ECX"]);
+    }
+
+    #[test]
+    fn an_arm_that_goes_with_the_reading_of_its_own_axis_is_none() {
+        let mut machine = machine();
+        machine.joints[0].side = Side::Workpiece;
+        let along_x = |k: u32| [0.05 * f64::from(k), 0.3, 0.2];
+        let vectors: Vec<ResidualVector> =
+            (0..12).map(|k| ResidualVector { position_m: along_x(k), ..ResidualVector::default() }).collect();
+        let (quantities, _) = quantities(&vectors);
+        assert_eq!(Angle::all(&quantities, &Nominal::at(&vectors, &machine), [true; 3]), []);
     }
 }

@@ -46,14 +46,16 @@ pub(super) fn of_the_time(quantities: &[Quantity], components: &[usize], sigma_m
     let named = |name: &str| quantities.iter().find(|quantity| quantity.name == name);
     let Some(time) = named(TIME) else { return Mat::zeros(3 * sigma_m.len(), 0) };
     let along = |d: usize| named(POSITION[d]).map(|own| &own.powers[1]);
-    let functions: Vec<(usize, Option<&Vec<f64>>)> =
-        components.iter().flat_map(|d| [(*d, None), (*d, along(*d))]).collect();
-    let mut columns = Mat::zeros(3 * sigma_m.len(), functions.len() * DEGREE);
+    let of = |d: &usize| std::iter::once((*d, None)).chain(along(*d).map(|along| (*d, Some(along))));
+    let functions: Vec<(usize, Option<&Vec<f64>>)> = components.iter().flat_map(of).collect();
+    // A third of the rows at most, as for polynomials of position.
+    let degree = DEGREE.min(components.len() * sigma_m.len() / 3 / functions.len().max(1));
+    let mut columns = Mat::zeros(3 * sigma_m.len(), functions.len() * degree);
     for (place, (d, along)) in functions.into_iter().enumerate() {
         for (k, sigma_m) in sigma_m.iter().enumerate() {
             let arm = along.map_or(1.0, |along| along[k]);
             (0..DEGREE)
-                .for_each(|j| columns[(3 * k + d, place * DEGREE + j)] = arm * time.powers[j + 1][k] / sigma_m[d]);
+                .for_each(|j| columns[(3 * k + d, place * degree + j)] = arm * time.powers[j + 1][k] / sigma_m[d]);
         }
     }
     columns

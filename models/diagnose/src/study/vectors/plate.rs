@@ -86,15 +86,22 @@ impl Poses {
     }
 
     /// What has a name of its own, in words.
-    pub(super) fn words(&self) -> &'static str {
-        match self.is_plate() {
-            true => {
+    pub(super) fn words(&self, has_machine: bool) -> &'static str {
+        match (self.is_plate(), has_machine) {
+            (true, true) => {
+                "Of the 21 errors of a chain, those that show in the plane are fitted one by one, as polynomials of a position up to the \
+                 fourth degree."
+            }
+            (true, false) => {
                 "Of the 21 errors of a chain, scales and squareness in the plane have names here; what the others leave shows \
                  as dependence on position."
             }
-            false => {
+            (false, true) => {
                 "The 21 errors of a chain are not all fitted here: those that show are, one by one, as polynomials of a position up to the \
                  fourth degree."
+            }
+            (false, false) => {
+                "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position."
             }
         }
     }

@@ -337,7 +337,7 @@ impl Study for Vectors<'_> {
                 }
                 let each = order::of_each_position(&self.quantities, &moved, &self.sigma_m);
                 let rest = (moved.len() * self.vectors.len() / 3).saturating_sub(each.ncols() + time.ncols());
-                let angles = angle::beside(&self.quantities, &self.nominal, &self.sigma_m, rest);
+                let angles = angle::beside((&self.quantities, &self.nominal, self.measured), &self.sigma_m, rest);
                 joined(&[each, angles, time])
             }
             _ => Mat::zeros(0, 0),
@@ -577,8 +577,8 @@ impl Study for Vectors<'_> {
 
     fn hidden(&self) -> Vec<String> {
         let is_logged = |vector: &ResidualVector| vector.covariates.keys().any(|name| name.ends_with(TEMPERATURE));
-        let is_cold = self.machine.is_some() && !self.vectors.iter().any(is_logged);
-        self.hidden.iter().cloned().chain(is_cold.then(|| NO_TEMPERATURE.to_owned())).collect()
+        let lacks = self.machine.is_some() && !self.vectors.iter().any(is_logged);
+        self.hidden.iter().cloned().chain(lacks.then(|| NO_TEMPERATURE.to_owned())).collect()
     }
 
     fn poses(&self) -> Vec<PoseRows> {

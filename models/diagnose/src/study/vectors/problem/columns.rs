@@ -66,8 +66,12 @@ impl Vectors<'_> {
 
     /// Whether a candidate is of the forms that a search is offered.
     pub(super) fn is_of_forms(&self, candidate: usize) -> bool {
-        let is_bent = |bent: &Bent| !bent.shape.is_straight();
-        !(self.forms == Forms::Straight && matches!(&self.parts[candidate], Part::Smooth(_, bent) if is_bent(bent)))
+        let is_bent = match &self.parts[candidate] {
+            Part::Smooth(_, bent) => !bent.shape.is_straight(),
+            Part::Angle(angle) => !angle.is_straight(),
+            Part::Registered(_) | Part::Wave(_) | Part::Named(_) | Part::Step(..) | Part::Drift(_) => false,
+        };
+        !(self.forms == Forms::Straight && is_bent)
     }
 
     /// Whether no wave of the same axis before this one is still to be set: it would be the same.

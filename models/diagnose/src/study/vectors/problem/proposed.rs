@@ -215,7 +215,7 @@ impl Vectors<'_> {
 
     /// What a smooth form of one position is called on a machine with linear axes, by its definition in ISO 230-1.
     fn linear_error(&self, shape: Shape, along: Axis) -> Option<String> {
-        let (Some(_), Shape::One { quantity, degree }) = (self.machine, shape) else { return None };
+        let (Some(_), Shape::One { quantity, degree: degree @ 2.. }) = (self.machine, shape) else { return None };
         let is_own = |axis: &Axis| POSITION[axis.index()] == self.quantities[quantity].name;
         let axis = Axis::ALL.into_iter().find(is_own)?;
         let name = ErrorId::linear(along, axis).name();
@@ -240,7 +240,7 @@ impl Vectors<'_> {
     pub(super) fn told(&self) -> Vec<String> {
         let mut notes = vec![
             format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
-            self.poses.words().to_owned(),
+            self.poses.words(self.machine.is_some()).to_owned(),
         ];
         if self.poses.is_plate() {
             let is_calibrated = self.vectors.iter().all(|vector| vector.u_plate_m.is_some());
