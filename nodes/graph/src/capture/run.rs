@@ -189,9 +189,12 @@ impl Running<'_> {
             if self.keep(&told)? {
                 return Ok(Ending::Complete);
             }
-            let told = self.hear_of_confirmation()?;
-            if self.keep(&told)? {
-                return Ok(Ending::Complete);
+            if self.has_confirmation()? {
+                let told = self.confirm();
+                if self.keep(&told)? {
+                    return Ok(Ending::Complete);
+                }
+                self.drive_on()?;
             }
         }
     }
@@ -239,29 +242,32 @@ impl Running<'_> {
         })
     }
 
-    /// What follows where somebody says that the next set-up stands, or that the machine may move.
-    fn hear_of_confirmation(&mut self) -> Result<Vec<Told>, CaptureError> {
+    /// Whether somebody says that the next set-up stands, or that the machine may move.
+    fn has_confirmation(&mut self) -> Result<bool, CaptureError> {
         let said = self.confirmed.try_recv();
-        let has_said = match &self.wheel {
-            Some(wheel) => wheel.is_confirmed(&said)?,
-            None => said.is_ok(),
-        };
-        if !has_said {
-            return Ok(Vec::new());
+        match &self.wheel {
+            Some(wheel) => wheel.is_confirmed(&said),
+            None => Ok(said.is_ok()),
         }
+    }
+
+    /// What follows for the readings.
+    fn confirm(&mut self) -> Vec<Told> {
         // A driven set-up that the drivers do not tell begins with its first move.
         let is_told = self.config.tells_station() && self.config.tells_offset();
         let begins = |wheel: &Wheel| !is_told && wheel.driving.set_up() > self.capturer.set_up();
         let is_next = self.wheel.as_ref().is_none_or(begins);
-        let told = match stamp_of(SystemTime::now()) {
+        match stamp_of(SystemTime::now()) {
             Ok(stamp) if is_next => self.capturer.confirm(stamp),
             _ => Vec::new(),
-        };
-        if let Some(wheel) = &mut self.wheel {
-            let steps = wheel.driving.confirm();
-            wheel.take(steps, self.capturer, self.show)?;
         }
-        Ok(told)
+    }
+
+    /// The moves that were waited for.
+    fn drive_on(&mut self) -> Result<(), CaptureError> {
+        let Some(wheel) = &mut self.wheel else { return Ok(()) };
+        let steps = wheel.driving.confirm();
+        wheel.take(steps, self.capturer, self.show)
     }
 
     /// Writes what is told into the journal, and shows it then; whether all is captured.
